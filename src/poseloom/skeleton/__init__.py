@@ -1,0 +1,1 @@
+"""Skeletons, the body, poses and motions, and their kinematics."""
