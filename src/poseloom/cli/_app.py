@@ -1,0 +1,113 @@
+"""The command line's frame: the commands' register, and what becomes of errors.
+
+Command modules import heavy parts inside their functions, so that `poseloom --help` answers at once.
+"""
+
+import os
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Annotated
+
+import typer
+
+from poseloom.errors import PoseloomError
+
+TOPICS = (
+    "demonstrating",
+    "motion_files",
+    "libraries",
+    "sensing",
+    "calibrating",
+    "reconstruction",
+    "evaluating",
+    "benchmarking",
+)
+"""Modules beside this one, each with `register(app)`, in the order of `poseloom --help`."""
+
+
+def build_app() -> typer.Typer:
+    """The application with all commands."""
+    app = typer.Typer(
+        name="poseloom",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_options)
+    for topic in TOPICS:
+        module = f"{__package__}.{topic}"
+        if find_spec(module) is not None:
+            import_module(module).register(app)
+    return app
+
+
+def run(argv: list[str]) -> int:
+    """Runs one command line and returns its exit code.
+
+    0 for success, 2 for a wrong command line, a PoseloomError or a file that the system refuses (each told on stderr
+    without a traceback), 130 for an interrupt, 1 for a closed pipe. Any other exception is a defect of poseloom's and
+    passes through.
+    """
+    try:
+        return _run(argv)
+    except PoseloomError as error:
+        return _fail(str(error))
+    except BrokenPipeError:
+        return 1
+    except OSError as error:
+        return _fail(_system_message(error))
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        _close_stdout()
+
+
+def _run(argv: list[str]) -> int:
+    try:
+        typer.main.get_command(build_app()).main(args=argv, prog_name="poseloom")
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    return 0
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from poseloom import __version__
+
+        typer.echo(f"poseloom {__version__}")
+        raise typer.Exit
+
+
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=_print_version)
+    ] = False,
+) -> None:
+    """Full-body human motion from what a few body-worn sensors say."""
+
+
+def _fail(message: str) -> int:
+    sys.stderr.write(f"poseloom: {message}\n")
+    return 2
+
+
+def _system_message(error: OSError) -> str:
+    reason = error.strerror or type(error).__name__
+    return str(
+        PoseloomError(
+            "the system refused to read or write this file" if error.filename else "the system refused an operation",
+            cause=reason if error.filename else str(error),
+            remedy="Check that it exists, its permissions and the space on the disk",
+            file=error.filename if isinstance(error.filename, str) else None,
+        )
+    )
+
+
+def _close_stdout() -> None:
+    # A reader that has gone away (`poseloom info x | head -1`) must not become a message when the interpreter exits.
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
