@@ -114,13 +114,13 @@ def make_recording(
 ) -> Recording:
     """Checks and freezes a recording.
 
-    Channels left out are NaN throughout; arrivals left out are the times; a status left out is MISSING where nothing of a
-    sensor came and OK elsewhere.
+    Channels left out are NaN throughout; arrivals left out are the times; a status left out is MISSING where nothing of
+    a sensor came and OK elsewhere.
 
     Raises:
         SensorError: for shapes that do not fit, no samples, times that do not increase, infinite numbers, quaternions
-            that are not unit, values half missing, a status that contradicts the values, a placement on another bone than
-            the layout's, or a truth of another length, rate or hierarchy.
+            that are not unit, values half missing, a status that contradicts the values, a placement on another bone
+            than the layout's, or a truth of another length, rate or hierarchy.
     """
     moments = frozen_float(times)
     _check_body(layout, placements, skeleton)
