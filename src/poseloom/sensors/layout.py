@@ -90,7 +90,7 @@ def make_layout(name: str, sensors: Iterable[SensorSpec], rate: float) -> Sensor
 
 
 _TRACKER_RATE = 40.0
-_IMU_RATE = 100.0
+_IMU_RATE = 60.0
 _FLEX_RATE = 50.0
 
 # Sensor name and bone. An ankle strap sits on the shank, above the ankle: it follows the lower leg, not the foot.
