@@ -11,7 +11,7 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 def compiled(function: Kernel) -> Kernel:
     """Compiles a numeric kernel to machine code on first use, releasing the interpreter lock, and caches it on disk.
 
-    Kernels live in modules named `*_kernels`; they know numbers and arrays only. No fast-math: a missing value is NaN and
-    must stay one.
+    Kernels live in modules named `*_kernels`; they know numbers and arrays only. No fast-math: a missing value is NaN
+    and must stay one.
     """
     return cast(Kernel, numba.njit(cache=True, nogil=True, error_model="numpy")(function))  # pyright: ignore

@@ -1,4 +1,4 @@
-"""Short names for jaxtyping's array annotations: `Floats[Array, "frames joints 3"]` is an array of doubles of that shape."""
+"""Short names for jaxtyping's annotations: `Floats[Array, "frames joints 3"]` is an array of doubles of that shape."""
 
 import numpy as np
 from jaxtyping import Bool as Bools

@@ -1,7 +1,7 @@
 """Rotations in three dimensions as rotation vectors, unit quaternions (scalar first) and matrices.
 
-All functions take any leading batch shape and return float64. Conventions: a rotation acts on column vectors; a rotation
-vector is axis times angle in radians; quaternions are `wxyz`. Kernels for the inner loops stand in `_kernels`.
+All functions take any leading batch shape and return float64. Conventions: a rotation acts on column vectors; a
+rotation vector is axis times angle in radians; quaternions are `wxyz`. Kernels for the inner loops stand in `_kernels`.
 """
 
 from poseloom.rotations._convert import (

@@ -26,9 +26,7 @@ def rotvec_from_quat(quat_wxyz: Floats[Array, "*batch 4"]) -> Floats[Array, "*ba
     small = sine < _SMALL
     safe = np.where(small, 1.0, sine)
     ratio = sine / np.where(small, cosine, 1.0)
-    factor = np.where(
-        small, 2 / np.where(small, cosine, 1.0) * (1 - ratio**2 / 3), 2 * np.arctan2(sine, cosine) / safe
-    )
+    factor = np.where(small, 2 / np.where(small, cosine, 1.0) * (1 - ratio**2 / 3), 2 * np.arctan2(sine, cosine) / safe)
     return factor * quat[..., 1:]
 
 
@@ -51,7 +49,7 @@ def matrix_from_quat(quat_wxyz: Floats[Array, "*batch 4"]) -> Floats[Array, "*ba
 def quat_from_matrix(matrix: Floats[Array, "*batch 3 3"]) -> Floats[Array, "*batch 4"]:
     """Unit quaternions `wxyz` of rotation matrices, with non-negative scalar part.
 
-    Of the four quotients of Shepperd's method the one with the largest divisor is taken, so no angle is ill-conditioned.
+    Of the four quotients of Shepperd's method the one with the largest divisor is taken: no angle is ill-conditioned.
     """
     m = matrix
     trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]

@@ -62,7 +62,9 @@ def mean_quat(
     return np.where(mean[..., :1] < 0, -mean, mean)
 
 
-def nearest_branch(rotvec: Floats[Array, "*batch 3"], reference: Floats[Array, "*batch 3"]) -> Floats[Array, "*batch 3"]:
+def nearest_branch(
+    rotvec: Floats[Array, "*batch 3"], reference: Floats[Array, "*batch 3"]
+) -> Floats[Array, "*batch 3"]:
     """The rotation vectors that turn the same and lie nearest to `reference`: whole turns about the axis are added.
 
     Where the rotation is nil its axis is taken from the reference.
@@ -70,9 +72,7 @@ def nearest_branch(rotvec: Floats[Array, "*batch 3"], reference: Floats[Array, "
     angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
     size = np.linalg.norm(reference, axis=-1, keepdims=True)
     still = angle < 1e-12
-    axis = np.where(
-        still, reference / np.where(size < 1e-12, 1.0, size), rotvec / np.where(still, 1.0, angle)
-    )
+    axis = np.where(still, reference / np.where(size < 1e-12, 1.0, size), rotvec / np.where(still, 1.0, angle))
     along = np.sum(axis * reference, axis=-1, keepdims=True)
     return rotvec + axis * (2 * np.pi * np.round((along - angle) / (2 * np.pi)))
 
@@ -94,7 +94,7 @@ def unwrap_rotvec(rotvec: Floats[Array, "frames *batch 3"]) -> Floats[Array, "fr
 def heading_angle(quat_wxyz: Floats[Array, "*batch 4"]) -> Floats[Array, "*batch"]:
     """The turn about world up (Y) in the rotation, in radians in (-pi, pi]: the twist of the swing-twist split.
 
-    Unlike the direction of a projected forward axis it is defined for a body that lies; it is singular only upside down.
+    Unlike the direction of a projected forward axis it is defined for a body that lies; only upside down it is not.
     """
     angle = 2 * np.arctan2(quat_wxyz[..., 2], quat_wxyz[..., 0])
     return np.asarray(np.pi - np.mod(np.pi - angle, 2 * np.pi))

@@ -1,7 +1,7 @@
 """Jacobians of the exponential and logarithm on SO(3).
 
-The left Jacobian J_l satisfies exp(w + d) = exp(J_l(w) d) exp(w) to first order; the right one J_r(w) = J_l(-w) satisfies
-exp(w + d) = exp(w) exp(J_r(w) d). Their inverses are the Jacobians of the logarithm.
+The left Jacobian J_l satisfies exp(w + d) = exp(J_l(w) d) exp(w) to first order; the right one J_r(w) = J_l(-w)
+satisfies exp(w + d) = exp(w) exp(J_r(w) d). Their inverses are the Jacobians of the logarithm.
 """
 
 import numpy as np

@@ -90,7 +90,9 @@ def average_body() -> Skeleton:
 def mirror_bones() -> tuple[int, ...]:
     """For each body bone the index of the bone on the other side (itself in the middle)."""
     other = {"left": "right", "right": "left"}
-    swapped = [other[n[: n.index("t") + 1]] + n[n.index("t") + 1 :] if n[:4] in ("left", "righ") else n for n in BODY_BONES]
+    swapped = [
+        other[n[: n.index("t") + 1]] + n[n.index("t") + 1 :] if n[:4] in ("left", "righ") else n for n in BODY_BONES
+    ]
     return tuple(BODY_BONES.index(name) for name in swapped)
 
 

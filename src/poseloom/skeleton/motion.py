@@ -97,5 +97,7 @@ def make_motion(
         )
     moved = None if displacements is None else frozen_float(displacements)
     if moved is not None and moved.shape != (len(values), len(skeleton), 3):
-        raise PoseloomError(f"{what} has displacements of shape {moved.shape}", remedy="Give one vector a frame and joint")
+        raise PoseloomError(
+            f"{what} has displacements of shape {moved.shape}", remedy="Give one vector a frame and joint"
+        )
     return Motion(skeleton, values, float(rate), name, moved)

@@ -60,9 +60,7 @@ class Skeleton:
         self, offsets: Floats[Array, "joints 3"], tips: Floats[Array, "joints 3"] | None = None
     ) -> "Skeleton":
         """The same hierarchy with other bone sizes."""
-        return replace(
-            self, offsets=frozen_float(offsets), tips=self.tips if tips is None else frozen_float(tips)
-        )
+        return replace(self, offsets=frozen_float(offsets), tips=self.tips if tips is None else frozen_float(tips))
 
 
 def make_skeleton(
