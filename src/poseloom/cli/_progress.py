@@ -3,21 +3,23 @@
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
-Advance = Callable[[int, int], None]
-"""Called with how many of how many are done."""
+ShowProgress = Callable[[str, int, int], None]
+"""Called with the name of what is being done, and how many of how many are."""
 
 
 @contextmanager
-def progress_bar(what: str) -> Generator[Advance, None, None]:
-    """A bar that the yielded function moves: `advance(done, total)`. Without a terminal, one line at the end."""
+def progress_bars() -> Generator[ShowProgress, None, None]:
+    """A bar for each name that the yielded function is called with. Without a terminal, one line each at the end."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description:<34}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description:<40}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task(what, total=None)
+        tasks: dict[str, TaskID] = {}
 
-        def advance(done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total)
+        def show(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = progress.add_task(what)
+            progress.update(tasks[what], completed=done, total=total)
 
-        yield advance
+        yield show
