@@ -31,14 +31,14 @@ class Placement:
 
 
 def make_placement(
-    bone: str, p_bone_sensor: ArrayLike = (0.0, 0.0, 0.0), R_bone_sensor: ArrayLike | None = None
+    bone: str, p_bone_sensor: ArrayLike | None = None, R_bone_sensor: ArrayLike | None = None
 ) -> Placement:
-    """Checks and freezes a placement; without a rotation the sensor's axes are the bone's.
+    """Checks and freezes a placement; left out, the sensor sits at the bone's joint and its axes are the bone's.
 
     Raises:
         SensorError: for a place that is not three finite numbers, or a matrix that is not a rotation.
     """
-    place = frozen_float(p_bone_sensor)
+    place = frozen_float(np.zeros(3) if p_bone_sensor is None else p_bone_sensor)
     turn = frozen_float(np.eye(3) if R_bone_sensor is None else R_bone_sensor)
     if place.shape != (3,) or not np.isfinite(place).all():
         raise SensorError(
