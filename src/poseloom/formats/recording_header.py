@@ -1,7 +1,7 @@
 """What stands at the beginning of a recording's file: the sensors, where they sat, and whose body it was."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,24 @@ class RecordingHeader:
         )
 
 
+def placements_to_json(placements: Sequence[Placement]) -> list[dict[str, Any]]:
+    """Placements as JSON knows them; floats keep every bit."""
+    return [
+        {"bone": p.bone, "R_bone_sensor": p.R_bone_sensor.tolist(), "p_bone_sensor": p.p_bone_sensor.tolist()}
+        for p in placements
+    ]
+
+
+def placements_from_json(content: list[dict[str, Any]]) -> tuple[Placement, ...]:
+    """The inverse of `placements_to_json`.
+
+    Raises:
+        SensorError: for a place or rotation that is none.
+        KeyError, TypeError, ValueError: where the content has another form.
+    """
+    return tuple(make_placement(str(p["bone"]), p["p_bone_sensor"], p["R_bone_sensor"]) for p in content)
+
+
 def header_to_json(header: RecordingHeader) -> bytes:
     """The header as UTF-8 JSON; floats keep every bit."""
     content = {
@@ -66,10 +84,7 @@ def header_to_json(header: RecordingHeader) -> bytes:
             "rate": header.layout.rate,
             "sensors": [{"name": s.name, "kind": s.kind.value, "bone": s.bone} for s in header.layout.sensors],
         },
-        "placements": [
-            {"bone": p.bone, "R_bone_sensor": p.R_bone_sensor.tolist(), "p_bone_sensor": p.p_bone_sensor.tolist()}
-            for p in header.placements
-        ],
+        "placements": placements_to_json(header.placements),
         "skeleton": skeleton_to_json(header.skeleton),
         "truth": None
         if header.truth_skeleton is None
@@ -119,9 +134,7 @@ def _header(content: dict[str, Any]) -> RecordingHeader:
             [SensorSpec(str(s["name"]), SensorKind(s["kind"]), str(s["bone"])) for s in layout["sensors"]],
             float(layout["rate"]),
         ),
-        placements=tuple(
-            make_placement(str(p["bone"]), p["p_bone_sensor"], p["R_bone_sensor"]) for p in content["placements"]
-        ),
+        placements=placements_from_json(content["placements"]),
         skeleton=skeleton,
         name=str(content["name"]),
         settings={str(key): str(value) for key, value in content["settings"].items()},
