@@ -1,0 +1,297 @@
+"""How the body lies in a source skeleton: which joints its bones follow, how their frames are turned, how long they are."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from poseloom.arrays import Array, Floats, Ints
+from poseloom.rotations import aligning_matrix, geodesic_angle, matrix_from_rotvec, quat_from_matrix
+from poseloom.skeleton.body import BODY_BONES, average_body
+from poseloom.skeleton.families import Family, plain_name
+from poseloom.skeleton.skeleton import Skeleton
+
+_SIDES = ("left", "right")
+
+
+def _pairs(*pairs: tuple[str, str]) -> dict[str, str]:
+    return {f"{side}{first}": f"{side}{second}" for side in _SIDES for first, second in pairs}
+
+
+NEXT: Mapping[str, str] = {
+    "spine": "chest",
+    "chest": "upperChest",
+    "upperChest": "neck",
+    "neck": "head",
+    **_pairs(("Shoulder", "UpperArm"), ("UpperArm", "LowerArm"), ("LowerArm", "Hand")),
+    **_pairs(("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot"), ("Foot", "Toes")),
+}
+"""The bone at whose beginning a bone ends; head, hands and toes end at their tips, and the hips have no direction."""
+
+_AS_FACING = ("hips", "leftShoulder", "rightShoulder")
+"""Bones whose frames are not turned onto the source's bones. Collar bones are drawn level by some families and sloping by
+others: turned onto them, the upper arms of one and the same pose would differ by up to 30 degrees."""
+
+_CARRIED: Mapping[str, str] = {
+    **_pairs(("LowerArm", "UpperArm"), ("Hand", "LowerArm")),
+    **_pairs(("LowerLeg", "UpperLeg"), ("Foot", "LowerLeg"), ("Toes", "Foot")),
+}
+"""Bones whose frame at rest is carried along from the bone before; the others start from the way the body faces."""
+
+_SNAP = np.radians(15.0)
+"""A rest pose that faces an axis of the world to within this is meant to: people's hips and shoulders are uneven."""
+
+_POINT = 1e-6
+"""Metres below which a bone has no direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """The body laid into a source skeleton.
+
+    Attributes:
+        turns: For each body bone, the source joint with which it turns.
+        R_turn_bone: The bone's frame in that joint's frame.
+        root: The source joint where the hips begin.
+        skeleton: The body with the source's sizes.
+        aims: For bones whose far end is not fixed to that joint, the source joints where they begin and end; -1 for all
+            others.
+        ideals: The direction of each bone in its own frame.
+    """
+
+    turns: Ints[Array, "bones"]
+    R_turn_bone: Floats[Array, "bones 3 3"]
+    root: int
+    skeleton: Skeleton
+    aims: Ints[Array, "bones 2"]
+    ideals: Floats[Array, "bones 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """A source skeleton in the pose that is laid over the body's T-pose."""
+
+    skeleton: Skeleton
+    family: Family
+    index: Mapping[str, int]
+    rotations: Floats[Array, "joints 3 3"]
+    positions: Floats[Array, "joints 3"]
+
+    def start(self, bone: str) -> int | None:
+        """The joint where a body bone begins."""
+        return self.index.get(self.family.start(bone))
+
+    def turn(self, bone: str) -> int | None:
+        """The joint with which a body bone turns."""
+        return self.index.get(self.family.turn(bone))
+
+    def end(self, bone: str, far: bool = False) -> Floats[Array, "3"] | None:
+        """Where the joint with which a bone turns has its end, or the end of the whole chain; None if none is stated."""
+        joint = self.turn(bone)
+        following = self.index.get(self.family.ends.get(bone, ""))
+        while joint is not None:
+            children = self.skeleton.children(joint)
+            if following is None and len(children) == 1:
+                following = children[0]
+            if following is None:
+                tip = self.skeleton.tips[joint]
+                return self.positions[joint] + self.rotations[joint] @ tip if np.isfinite(tip).all() else None
+            if not far:
+                return self.positions[following]
+            joint, following = following, None
+        return None
+
+
+def align(source: Skeleton, family: Family) -> Alignment:
+    """Lays the body into a source skeleton of a family that fits."""
+    rest = _rest(source, family)
+    facing = _facing(rest)
+    starts = _starts(rest, facing)
+    frames = _bone_frames(rest, starts, facing)
+    turns = _turns(rest)
+    R_world_bone = np.stack([frames[bone] for bone in BODY_BONES])
+    return Alignment(
+        turns=turns,
+        R_turn_bone=np.swapaxes(rest.rotations[turns], 1, 2) @ R_world_bone,
+        root=rest.index[family.start("hips")],
+        skeleton=_sized_body(rest, starts, frames),
+        aims=_aims(rest, turns),
+        ideals=np.stack([_ideal(bone) for bone in BODY_BONES]),
+    )
+
+
+def leg_length(skeleton: Skeleton) -> float:
+    """Thigh plus shank of a body, metres, the mean of both sides."""
+    bones = [skeleton.index(f"{side}{bone}") for side in _SIDES for bone in ("LowerLeg", "Foot")]
+    return float(np.linalg.norm(skeleton.offsets[bones], axis=1).sum() / 2)
+
+
+def _rest(source: Skeleton, family: Family) -> _Rest:
+    # Where names double once their prefixes are gone, the joint nearer to the root counts.
+    index = {plain_name(name): joint for joint, name in reversed(list(enumerate(source.names)))}
+    rotations = np.tile(np.eye(3), (len(source), 1, 1))
+    for name, axes in family.frames.items():
+        if name in index:
+            rotations[index[name]] = _axes_matrix(axes)
+    positions = np.zeros((len(source), 3))
+    for joint in range(1, len(source)):
+        parent = source.parents[joint]
+        positions[joint] = positions[parent] + rotations[parent] @ source.offsets[joint]
+    return _Rest(source, family, index, rotations, positions)
+
+
+def _axes_matrix(axes: str) -> Floats[Array, "3 3"]:
+    """The rotation whose x, y and z axes point as in "+Y -X +Z"."""
+    columns = [(1.0 if axis[0] == "+" else -1.0) * np.eye(3)["XYZ".index(axis[1])] for axis in axes.split()]
+    return np.stack(columns, axis=1)
+
+
+def _facing(rest: _Rest) -> Floats[Array, "3 3"]:
+    """The rotation from the body's T-pose to the way in which the source rests, by its hips and shoulders."""
+
+    def places(bone: str) -> tuple[Floats[Array, "3"], Floats[Array, "3"]]:
+        left, right = (rest.positions[rest.index[rest.family.start(f"{side}{bone}")]] for side in _SIDES)
+        return left, right
+
+    (left_hip, right_hip), (left_arm, right_arm) = places("UpperLeg"), places("UpperArm")
+    up = left_arm + right_arm - left_hip - right_hip
+    up = up / np.linalg.norm(up)
+    left = left_hip - right_hip + left_arm - right_arm
+    left = left - (left @ up) * up
+    left = left / np.linalg.norm(left)
+    measured = np.stack([left, up, np.cross(left, up)], axis=1)
+    snapped = np.rint(measured)
+    proper = np.allclose(snapped @ snapped.T, np.eye(3)) and np.linalg.det(snapped) > 0
+    if proper and float(geodesic_angle(quat_from_matrix(measured), quat_from_matrix(snapped))) < _SNAP:
+        return snapped
+    return measured
+
+
+def _starts(rest: _Rest, facing: Floats[Array, "3 3"]) -> dict[str, Floats[Array, "3"]]:
+    """Where every body bone begins in the rest pose; bones without a source are put where the average body has them."""
+    average = average_body()
+    found = ((bone, rest.start(bone)) for bone in BODY_BONES)
+    starts = {bone: rest.positions[joint] for bone, joint in found if joint is not None}
+    if rest.family.lost_segment:
+        _restore_segment(starts, facing)
+    scale = _leg_length(starts) / leg_length(average)
+    _fill(starts, ("hips", "spine", "chest", "upperChest", "neck", "head"))
+    for i, bone in enumerate(BODY_BONES):
+        if bone in starts:
+            continue
+        parent = BODY_BONES[average.parents[i]]
+        guess = starts[parent] + scale * facing @ average.offsets[i]
+        if bone.endswith("Shoulder"):
+            starts[bone] = starts.get("neck", guess)
+        elif bone.endswith(("Hand", "Toes")):
+            end = rest.end(parent)
+            starts[bone] = guess if end is None or np.linalg.norm(end - starts[parent]) < _POINT else end
+        else:
+            starts[bone] = guess
+    return starts
+
+
+def _restore_segment(starts: dict[str, Floats[Array, "3"]], facing: Floats[Array, "3 3"]) -> None:
+    """Lifts neck, head and arms straight up by the mean length of the two spine segments below."""
+    below = [starts["chest"] - starts["spine"], starts["upperChest"] - starts["chest"]]
+    lift = facing[:, 1] * np.linalg.norm(below, axis=1).mean()
+    for bone in starts:
+        if bone in ("neck", "head") or bone.endswith(("Shoulder", "Arm", "Hand")):
+            starts[bone] = starts[bone] + lift
+
+
+def _fill(starts: dict[str, Floats[Array, "3"]], chain: tuple[str, ...]) -> None:
+    """Puts bones without a source on the straight line between those that have one, spaced as on the average body."""
+    average = average_body()
+    steps = [np.linalg.norm(average.offsets[average.index(bone)]) for bone in chain]
+    reach = np.cumsum(steps) - steps[0]
+    present = [i for i, bone in enumerate(chain) if bone in starts]
+    for low, high in zip(present[:-1], present[1:], strict=True):
+        for i in range(low + 1, high):
+            part = (reach[i] - reach[low]) / (reach[high] - reach[low])
+            starts[chain[i]] = (1 - part) * starts[chain[low]] + part * starts[chain[high]]
+
+
+def _turns(rest: _Rest) -> Ints[Array, "bones"]:
+    """The source joint with which each body bone turns; bones without one turn with the bone that carries them."""
+    turns = np.empty(len(BODY_BONES), dtype=np.int64)
+    for i, bone in enumerate(BODY_BONES):
+        joint = rest.turn(bone)
+        turns[i] = turns[average_body().parents[i]] if joint is None else joint
+    return turns
+
+
+def _bone_frames(
+    rest: _Rest, starts: Mapping[str, Floats[Array, "3"]], facing: Floats[Array, "3 3"]
+) -> dict[str, Floats[Array, "3 3"]]:
+    """Frames of the body's bones in the rest pose: turned as little as possible from the T-pose onto the source's bones."""
+    body = average_body()
+    plain = {"hips": facing}
+    for i, bone in enumerate(BODY_BONES[1:], start=1):
+        base = plain[_CARRIED[bone]] if bone in _CARRIED else facing
+        way = None if bone in _AS_FACING else _direction(rest, starts, bone)
+        if way is not None:
+            base = aligning_matrix(base @ _ideal(bone), way) @ base
+        elif rest.turn(bone) is None and bone not in _AS_FACING:
+            base = plain[BODY_BONES[body.parents[i]]]
+        plain[bone] = base
+    rolls = {bone: np.array([np.radians(angle), 0.0, 0.0]) for bone, angle in rest.family.rolls.items()}
+    return {bone: frame @ matrix_from_rotvec(rolls.get(bone, np.zeros(3))) for bone, frame in plain.items()}
+
+
+def _direction(rest: _Rest, starts: Mapping[str, Floats[Array, "3"]], bone: str) -> Floats[Array, "3"] | None:
+    """From where a bone begins to where it ends, at rest; None if the source does not say."""
+    if bone in NEXT:
+        way = starts[NEXT[bone]] - starts[bone]
+    else:
+        joint, end = rest.turn(bone), rest.end(bone)
+        if joint is None or end is None:
+            return None
+        way = end - rest.positions[joint]
+    return way if np.linalg.norm(way) > _POINT else None
+
+
+def _sized_body(
+    rest: _Rest, starts: Mapping[str, Floats[Array, "3"]], frames: Mapping[str, Floats[Array, "3 3"]]
+) -> Skeleton:
+    """The body with the source's bone lengths: joints that branch off lie in their bone's frame as they rest."""
+    body = average_body()
+    offsets, tips = np.zeros((len(body), 3)), body.tips * (_leg_length(starts) / leg_length(body))
+    for i, bone in enumerate(BODY_BONES):
+        if i:
+            parent = BODY_BONES[body.parents[i]]
+            offsets[i] = frames[parent].T @ (starts[bone] - starts[parent])
+        begin, end = rest.start(bone), rest.end(bone, far=True)
+        if np.isfinite(body.tips[i]).all() and begin is not None and end is not None:
+            length = np.linalg.norm(end - rest.positions[begin])
+            if length > _POINT:
+                tips[i] = body.tips[i] * (length / np.linalg.norm(body.tips[i]))
+    return body.with_offsets(offsets, tips)
+
+
+def _aims(rest: _Rest, turns: Ints[Array, "bones"]) -> Ints[Array, "bones 2"]:
+    """Source joints between which a bone stretches, where its far end is not fixed to the joint with which it turns."""
+    aims = np.full((len(BODY_BONES), 2), -1, dtype=np.int64)
+    for bone, following in NEXT.items():
+        i, begin, end = BODY_BONES.index(bone), rest.start(bone), rest.start(following)
+        if begin is None or end is None or rest.skeleton.parents[end] == turns[i] or bone in _AS_FACING:
+            continue
+        if np.linalg.norm(rest.positions[end] - rest.positions[begin]) > _POINT:
+            aims[i] = begin, end
+    return aims
+
+
+def _ideal(bone: str) -> Floats[Array, "3"]:
+    """The direction of a bone in the body's T-pose."""
+    body = average_body()
+    return body.offsets[body.index(NEXT[bone])] if bone in NEXT else body.tips[body.index(bone)]
+
+
+def _leg_length(starts: Mapping[str, Floats[Array, "3"]]) -> float:
+    """Thigh plus shank, metres, the mean of both sides, from where bones begin."""
+    segments = [
+        starts[f"{side}{below}"] - starts[f"{side}{above}"]
+        for side in _SIDES
+        for above, below in (("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot"))
+    ]
+    return float(np.linalg.norm(segments, axis=1).sum() / 2)

@@ -1,0 +1,378 @@
+"""Which source joint stands for which bone of the body: one readable map for each naming family.
+
+In a map, `"leftUpperArm": "lhumerus"` says that the body's bone begins where the source joint `lhumerus` begins and turns
+with it. A pair, `"head": ("upperneck", "head")`, says that it begins at the first and turns with the second. Bones that
+are absent from a map turn with the body bone that carries them and lie on the straight line to the next one. The right
+side is spelled by the `sides` of a family.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from poseloom.errors import RetargetError
+from poseloom.skeleton.body import BODY_BONES
+from poseloom.skeleton.skeleton import Skeleton
+
+Source = str | tuple[str, str]
+"""A source joint, or the joint at which a bone begins and the joint with which it turns."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """A way of naming and resting a skeleton's joints.
+
+    Attributes:
+        name: What a person calls it.
+        bones: For each body bone its source; see the module's head.
+        optional: Body bones in `bones` that a file of this family may lack.
+        ends: Source joints at which hands and heads end, where several joints branch off.
+        frames: For files whose zero pose is no T-pose: where the x, y and z axes of a source joint point in a T-pose
+            (left is +X, up +Y, front +Z), such as "+Y -X +Z". Joints without an entry keep the world's axes.
+        rolls: Degrees by which a body bone's frame is rolled about its own X axis, where the family's elbows bend about
+            another axis than the body's.
+        left_arm: The axis along which the left upper arm points in the zero pose, if that tells this family from
+            another with the same names.
+        lost_segment: True if the segment from `upperChest` to neck and shoulders has length zero by a known fault of
+            the family's conversion and is to be restored.
+    """
+
+    name: str
+    bones: Mapping[str, Source]
+    optional: frozenset[str] = frozenset()
+    ends: Mapping[str, str] = field(default_factory=dict[str, str])
+    frames: Mapping[str, str] = field(default_factory=dict[str, str])
+    rolls: Mapping[str, float] = field(default_factory=dict[str, float])
+    left_arm: str = ""
+    lost_segment: bool = False
+
+    def start(self, bone: str) -> str:
+        """The source joint where a body bone begins; empty if the family has none."""
+        source = self.bones.get(bone, "")
+        return source[0] if isinstance(source, tuple) else source
+
+    def turn(self, bone: str) -> str:
+        """The source joint with which a body bone turns; empty if the family has none."""
+        source = self.bones.get(bone, "")
+        return source[1] if isinstance(source, tuple) else source
+
+    def missing(self, names: Iterable[str]) -> list[str]:
+        """The joints that this family must have and `names` lacks."""
+        present = set(names)
+        needed = [joint for bone in self.bones if bone not in self.optional for joint in self._joints(bone)]
+        return [joint for joint in dict.fromkeys(needed) if joint not in present]
+
+    def unknown(self, names: Iterable[str]) -> list[str]:
+        """The joints in `names` that stand for no body bone."""
+        known = {joint for bone in self.bones for joint in self._joints(bone)}
+        return [name for name in names if name not in known]
+
+    def _joints(self, bone: str) -> tuple[str, str]:
+        return self.start(bone), self.turn(bone)
+
+
+def _map(sides: Mapping[str, str], **bones: Source) -> dict[str, Source]:
+    """A map of both sides, in the body's order, from its middle and left bones and the spelling of left and right."""
+
+    def right(joint: str) -> str:
+        for left, other in sides.items():
+            if left in joint:
+                return joint.replace(left, other, 1)
+        raise ValueError(f"{joint} is not on the left side")
+
+    whole = dict(bones)
+    for bone, source in bones.items():
+        if bone.startswith("left"):
+            other = (right(source[0]), right(source[1])) if isinstance(source, tuple) else right(source)
+            whole[bone.replace("left", "right")] = other
+    return {bone: whole[bone] for bone in BODY_BONES if bone in whole}
+
+
+_TOES = frozenset({"leftToes", "rightToes"})
+_ELBOW_ROLL = {"leftUpperArm": -30.0, "rightUpperArm": -30.0}
+"""In CMU's model the elbow's axis is rolled: a straight arm in the T-pose bends forward and 30 degrees up."""
+
+CMU_ASF = Family(
+    "CMU ASF/AMC (also HDM05)",
+    _map(
+        {"l": "r"},
+        hips="root",
+        spine="lowerback",
+        chest="upperback",
+        upperChest="thorax",
+        neck="lowerneck",
+        head=("upperneck", "head"),
+        leftShoulder="lclavicle",
+        leftUpperArm="lhumerus",
+        leftLowerArm=("lradius", "lwrist"),
+        leftHand=("lwrist", "lhand"),
+        leftUpperLeg="lfemur",
+        leftLowerLeg="ltibia",
+        leftFoot="lfoot",
+        leftToes="ltoes",
+    ),
+    rolls=_ELBOW_ROLL,
+    left_arm="+X",
+)
+"""Acclaim files of CMU's and HDM05's Vicon BodyBuilder model. `lwrist` rolls the forearm, `lhand` bends the wrist."""
+
+CMU_ASF_BVH = replace(
+    CMU_ASF,
+    name="CMU ASF names in BVH, axes as in the ASF",
+    frames={
+        "lhumerus": "-Y -X -Z",
+        "lradius": "-Y -X -Z",
+        "lwrist": "-Z -X +Y",
+        "lhand": "-Z -X +Y",
+        "lfingers": "-Z -X +Y",
+        "rhumerus": "+Y +X -Z",
+        "rradius": "+Y +X -Z",
+        "rwrist": "+Z +X +Y",
+        "rhand": "+Z +X +Y",
+        "rfingers": "+Z +X +Y",
+        "lfoot": "+X -Z +Y",
+        "ltoes": "+X -Z +Y",
+        "rfoot": "+X -Z +Y",
+        "rtoes": "+X -Z +Y",
+    },
+    rolls={},
+    left_arm="-Y",
+)
+"""A BVH conversion whose joints have the ASF's own axes: in its zero pose arms hang with the elbows to the front, and
+the feet point down."""
+
+CMU_BVH = Family(
+    "CMU BVH for MotionBuilder (also the exponential-map CSV)",
+    _map(
+        {"Left": "Right"},
+        hips="Hips",
+        spine="LowerBack",
+        chest="Spine",
+        upperChest="Spine1",
+        neck="Neck",
+        head=("Neck1", "Head"),
+        leftShoulder="LeftShoulder",
+        leftUpperArm="LeftArm",
+        leftLowerArm=("LeftForeArm", "LeftHand"),
+        leftHand=("LeftHand", "LeftFingerBase"),
+        leftUpperLeg="LeftUpLeg",
+        leftLowerLeg="LeftLeg",
+        leftFoot="LeftFoot",
+        leftToes="LeftToeBase",
+    ),
+    rolls=_ELBOW_ROLL,
+    lost_segment=True,
+)
+"""`LeftHand` is the ASF's `lwrist`; two segments of length zero have lost the thorax and the wrist."""
+
+CMU_BVH_MAX = Family(
+    "CMU BVH for 3ds Max",
+    _map(
+        {"Left": "Right", "lhand": "rhand"},
+        hips="Hips",
+        spine="lowerback",
+        chest="Chest",
+        upperChest="Chest2",
+        neck="lowerneck",
+        head=("Neck", "Head"),
+        leftShoulder="LeftCollar",
+        leftUpperArm="LeftShoulder",
+        leftLowerArm=("LeftElbow", "LeftWrist"),
+        leftHand=("LeftWrist", "lhand"),
+        leftUpperLeg="LeftHip",
+        leftLowerLeg="LeftKnee",
+        leftFoot="LeftAnkle",
+        leftToes="LeftToe",
+    ),
+    rolls=_ELBOW_ROLL,
+    lost_segment=True,
+)
+"""The same conversion with other names and hanging arms at rest."""
+
+CMU_BVH_DAZ = Family(
+    "CMU BVH for DAZ and Poser",
+    _map(
+        {"l": "r"},
+        hips="hip",
+        spine="abdomen",
+        upperChest="chest",
+        neck="neck",
+        head="head",
+        leftShoulder="lCollar",
+        leftUpperArm="lShldr",
+        leftLowerArm="lForeArm",
+        leftHand="lHand",
+        leftUpperLeg="lThigh",
+        leftLowerLeg="lShin",
+        leftFoot="lFoot",
+    ),
+    ends={"leftHand": "lMid1", "rightHand": "rMid1"},
+    rolls=_ELBOW_ROLL,
+)
+"""CMU's motions on a figure of fixed size with two joints in the trunk; the foot's end site is where toes begin."""
+
+MIXAMO = Family(
+    "Mixamo",
+    _map(
+        {"Left": "Right"},
+        hips="Hips",
+        spine="Spine",
+        chest="Spine1",
+        upperChest="Spine2",
+        neck="Neck",
+        head="Head",
+        leftShoulder="LeftShoulder",
+        leftUpperArm="LeftArm",
+        leftLowerArm="LeftForeArm",
+        leftHand="LeftHand",
+        leftUpperLeg="LeftUpLeg",
+        leftLowerLeg="LeftLeg",
+        leftFoot="LeftFoot",
+        leftToes="LeftToeBase",
+    ),
+    optional=_TOES,
+    ends={"head": "HeadTop_End", "leftHand": "LeftHandMiddle1", "rightHand": "RightHandMiddle1"},
+)
+
+XSENS = Family(
+    "Xsens MVN BVH",
+    _map(
+        {"Left": "Right"},
+        hips="Hips",
+        spine="Chest",
+        chest="Chest2",
+        upperChest="Chest4",
+        neck="Neck",
+        head="Head",
+        leftShoulder="LeftCollar",
+        leftUpperArm="LeftShoulder",
+        leftLowerArm="LeftElbow",
+        leftHand="LeftWrist",
+        leftUpperLeg="LeftHip",
+        leftLowerLeg="LeftKnee",
+        leftFoot="LeftAnkle",
+        leftToes="LeftToe",
+    ),
+    optional=_TOES,
+)
+"""Of the four spine joints `Chest3` is bridged: the body's chest points from `Chest2` to `Chest4`."""
+
+BANDAI = Family(
+    "Bandai-Namco-Research Motiondataset",
+    _map(
+        {"_L": "_R"},
+        hips="Hips",
+        spine="Spine",
+        upperChest="Chest",
+        neck="Neck",
+        head="Head",
+        leftShoulder="Shoulder_L",
+        leftUpperArm="UpperArm_L",
+        leftLowerArm="LowerArm_L",
+        leftHand="Hand_L",
+        leftUpperLeg="UpperLeg_L",
+        leftLowerLeg="LowerLeg_L",
+        leftFoot="Foot_L",
+        leftToes="Toes_L",
+    ),
+    frames={
+        "Hips": "+Y -X +Z",
+        "Spine": "+Y +Z +X",
+        "Chest": "+Y +Z +X",
+        "Neck": "+Y +Z +X",
+        "Head": "+Y +Z +X",
+        "UpperLeg_L": "-Y +X +Z",
+        "LowerLeg_L": "-Y +X +Z",
+        "Foot_L": "+Z +X +Y",
+        "Toes_L": "+Z +X +Y",
+        "Shoulder_R": "+X -Y -Z",
+        "UpperArm_R": "+X -Y -Z",
+        "LowerArm_R": "+X -Y -Z",
+        "Hand_R": "+X -Y -Z",
+        "UpperLeg_R": "+Y +X -Z",
+        "LowerLeg_R": "+Y +X -Z",
+        "Foot_R": "-Z +X -Y",
+        "Toes_R": "-Z +X -Y",
+    },
+)
+"""Each joint's x axis lies along its bone, so the zero pose is none that a body could take."""
+
+DEEPMIMIC = Family(
+    "DeepMimic",
+    _map(
+        {"left": "right"},
+        hips="root",
+        upperChest="chest",
+        neck="neck",
+        leftUpperArm="left_shoulder",
+        leftLowerArm="left_elbow",
+        leftHand="left_wrist",
+        leftUpperLeg="left_hip",
+        leftLowerLeg="left_knee",
+        leftFoot="left_ankle",
+    ),
+    optional=frozenset({"leftHand", "rightHand"}),
+)
+"""One joint in the trunk, no collar bones, no wrists or toes that turn."""
+
+BODY = Family(
+    "poseloom's body and VRM",
+    {bone: bone for bone in BODY_BONES},
+    optional=_TOES | {"chest", "upperChest", "neck", "leftShoulder", "rightShoulder"},
+    ends={"leftHand": "leftMiddleProximal", "rightHand": "rightMiddleProximal"},
+)
+
+FAMILIES: tuple[Family, ...] = (
+    BODY,
+    CMU_ASF,
+    CMU_ASF_BVH,
+    CMU_BVH,
+    CMU_BVH_MAX,
+    CMU_BVH_DAZ,
+    MIXAMO,
+    XSENS,
+    BANDAI,
+    DEEPMIMIC,
+)
+"""All families; the first that fits is taken."""
+
+
+def plain_name(name: str) -> str:
+    """A joint's name without namespace or Mixamo's prefix: `mixamorig:Hips`, `mixamorigHips` and `a:Hips` are `Hips`."""
+    bare = name.rsplit(":", 1)[-1]
+    for prefix in ("mixamorig_", "mixamorig"):
+        if bare.startswith(prefix) and len(bare) > len(prefix):
+            return bare[len(prefix) :]
+    return bare
+
+
+def recognise(skeleton: Skeleton) -> Family:
+    """The family of a skeleton, by the names of its joints.
+
+    Raises:
+        RetargetError: if no family fits; it says what the nearest lacks, which joints that one does not know, and lists
+            the families.
+    """
+    names = [plain_name(name) for name in skeleton.names]
+    for family in FAMILIES:
+        if not family.missing(names) and _rests(skeleton, names, family):
+            return family
+    nearest = min(FAMILIES, key=lambda family: len(family.missing(names)) / len(family.bones))
+    lacking = nearest.missing(names)
+    raise RetargetError(
+        f"the skeleton's joint names belong to no known family; unmapped: {', '.join(nearest.unknown(names)) or 'none'}",
+        cause=f"the nearest family, {nearest.name}, "
+        + (f"also needs: {', '.join(lacking)}" if lacking else "rests its arms in another direction"),
+        remedy="Rename the joints after one of the families: " + "; ".join(family.name for family in FAMILIES),
+    )
+
+
+def _rests(skeleton: Skeleton, names: list[str], family: Family) -> bool:
+    """Whether the left upper arm rests as the family wants it, if it wants it in any way, to within 45 degrees."""
+    if not family.left_arm:
+        return True
+    arm = skeleton.offsets[names.index(family.start("leftLowerArm"))]
+    axis = "XYZ".index(family.left_arm[1])
+    along = arm[axis] if family.left_arm[0] == "+" else -arm[axis]
+    return bool(along > 0.7 * np.linalg.norm(arm))

@@ -1,0 +1,75 @@
+"""The same motion at another rate."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from poseloom.arrays import Array, Floats, Ints, frozen_float
+from poseloom.errors import PoseloomError
+from poseloom.rotations import nearest_branch, quat_from_rotvec, rotvec_from_quat, slerp
+from poseloom.skeleton.motion import Motion
+
+_COINCIDENCE = 1e-3
+"""Instants this near to a frame, in frames, count as that frame: rates in files are rounded (0.0083333 s for 120 Hz)."""
+
+
+def resample(motion: Motion, rate: float) -> Motion:
+    """The motion at `rate` frames a second, from its first instant to the last new frame within its duration.
+
+    Places go in straight lines between frames and each joint turns the shorter way at constant speed (slerp). Where a
+    new frame coincides with an old one the old values stand untouched, so 120 to 40 Hz takes every third frame. There
+    is no smoothing: speeds above half the new rate fold.
+
+    Raises:
+        PoseloomError: if `rate` is not positive and finite.
+    """
+    if not (np.isfinite(rate) and rate > 0):
+        raise PoseloomError(f"cannot resample to {rate} frames a second", remedy="Give a positive, finite rate")
+    if rate == motion.rate:
+        return motion
+    before, fraction = _instants(len(motion), motion.rate, float(rate))
+    after = np.minimum(before + 1, len(motion) - 1)
+    q = motion.q[before]
+    between = np.flatnonzero(fraction)
+    if between.size:
+        q[between] = interpolate_pose_vectors(
+            motion.q[before[between]], motion.q[after[between]], fraction[between]
+        )
+    moved = motion.displacements
+    if moved is not None:
+        weight = fraction[:, None, None]
+        moved = frozen_float((1 - weight) * moved[before] + weight * moved[after])
+    return replace(motion, q=frozen_float(q), rate=float(rate), displacements=moved)
+
+
+def interpolate_pose_vectors(
+    first: Floats[Array, "frames dofs"], second: Floats[Array, "frames dofs"], fraction: Floats[Array, "frames"]
+) -> Floats[Array, "frames dofs"]:
+    """Pose vectors at `fraction` (0 to 1) of the way: places linearly, rotations by slerp, on the branch of the two ends."""
+    weight = fraction[:, None]
+    straight = (1 - weight) * first + weight * second
+    joints = first[:, 3:].reshape(len(first), -1, 3)
+    quats = slerp(
+        quat_from_rotvec(joints),
+        quat_from_rotvec(second[:, 3:].reshape(joints.shape)),
+        np.broadcast_to(weight, joints.shape[:2]),
+    )
+    turns = nearest_branch(rotvec_from_quat(quats), straight[:, 3:].reshape(joints.shape))
+    straight[:, 3:] = turns.reshape(len(first), -1)
+    return straight
+
+
+def _instants(count: int, old: float, new: float) -> tuple[Ints[Array, "instants"], Floats[Array, "instants"]]:
+    """For each new frame the old one before it and the fraction of the way to the next."""
+    step = old / new
+    # Rates that are almost whole multiples are meant to be: without this, small errors add up over a long take.
+    for ratio in (step, 1 / step):
+        if abs(ratio - round(ratio)) < 1e-5 * ratio:
+            step = float(round(ratio)) if ratio is step else 1 / round(ratio)
+            break
+    last = (count - 1) / step
+    places = np.arange(int(np.floor(last + _COINCIDENCE)) + 1) * step
+    whole = np.rint(places)
+    places = np.where(np.abs(places - whole) < _COINCIDENCE, whole, places)
+    before = np.minimum(np.floor(places).astype(np.int64), count - 1)
+    return before, np.clip(places - before, 0.0, 1.0)
