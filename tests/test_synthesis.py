@@ -80,13 +80,13 @@ def test_white_noise_has_the_asked_size_and_no_memory(long_still: Motion):
 
 
 def test_bias_is_constant_and_differs_between_sensors(long_still: Motion):
-    many = make_layout("many", [replace(SIX.sensors[0], name=f"s{i}") for i in range(200)], 40.0)
+    many = make_layout("many", [replace(SIX.sensors[0], name=f"s{i}") for i in range(80)], 40.0)
     recording = simulate_trackers(long_still.cut(0, 4), many, replace(NO_NOISE, bias_m=0.02, bias_rad=0.1), seed=2)
     shifts, turns = errors(recording)
     np.testing.assert_allclose(shifts, shifts[:1].repeat(4, axis=0), atol=1e-12)
     np.testing.assert_allclose(turns, turns[:1].repeat(4, axis=0), atol=1e-12)
-    assert shifts[0].std() == pytest.approx(0.02, rel=0.1)
-    assert turns[0].std() == pytest.approx(0.1, rel=0.1)
+    assert shifts[0].std() == pytest.approx(0.02, rel=0.15)
+    assert turns[0].std() == pytest.approx(0.1, rel=0.15)
 
 
 def test_drift_is_stationary_and_slow(long_still: Motion):
@@ -200,7 +200,7 @@ def test_adding_a_sensor_or_a_kind_of_noise_leaves_the_rest_alone(motion: Motion
     start=st.floats(-1.0, 5.0),
     length=st.floats(0.2, 6.0),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_a_fault_touches_its_sensor_in_its_interval_only(kind: FaultKind, sensor: str, start: float, length: float):
     motion = _MOTION
     clean = simulate_trackers(motion, SIX, seed=9)

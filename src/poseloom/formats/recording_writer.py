@@ -149,7 +149,7 @@ def _new_file(path: Path) -> IO[bytes]:
         ) from None
     except FileNotFoundError:
         raise FormatError(
-            "the file cannot be written", cause="its folder does not exist", remedy="Make the folder first", file=path
+            "there is no such folder to write to", remedy="Make it first, or name another", file=path.parent
         ) from None
 
 
