@@ -14,7 +14,6 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats, Floats32, Ints
 from poseloom.library import _kernels
-from poseloom.sensors import SensorLayout
 from poseloom.skeleton.body import BODY_BONES, average_body
 from poseloom.skeleton.skeleton import Skeleton
 
@@ -41,8 +40,7 @@ class FeatureSettings:
 
     Attributes:
         history: Poses before the moment that count; 0 for sensors alone.
-        sensor_bones: Bones whose sensors count at the moment itself, the reference for heading and ground first; empty
-            for history alone.
+        sensor_bones: Bones whose sensors count at the moment itself; empty for history alone.
         root_weight: Weight of the root's place, per metre.
         change_weight: Weight of the change from pose to pose: how much velocity counts beside posture.
         place_weight: Weight of sensors' places, per metre.
@@ -66,13 +64,12 @@ class FeatureSettings:
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def sensor_bones(layout: SensorLayout) -> tuple[str, ...]:
-    """A layout's bones for `FeatureSettings`, the steadiest first: the chest if it is there, else hips, else head."""
-    bones = [sensor.bone for sensor in layout.sensors]
-    for reference in ("upperChest", "chest", "spine", "hips", "head"):
-        if reference in bones:
-            return (reference, *(bone for bone in bones if bone != reference))
-    return tuple(bones)
+def reference_sensor(bones: Sequence[str]) -> int:
+    """Which of the sensors gives the ground point and heading: the steadiest, so the one nearest to the trunk."""
+    for bone in ("upperChest", "chest", "spine", "hips", "neck", "head"):
+        if bone in bones:
+            return list(bones).index(bone)
+    return 0
 
 
 def feature_points(skeleton: Skeleton, bones: Sequence[str]) -> Floats[Array, "bones 3"]:
@@ -108,6 +105,7 @@ class FeatureMap:
         weights: Their weights.
         sensor_joints: Bones whose sensors count, by index.
         sensor_points: The point on each that features look at, in the bone's frame of the average body.
+        reference: The sensor whose ground point and heading the features are seen from.
     """
 
     settings: FeatureSettings
@@ -115,6 +113,7 @@ class FeatureMap:
     weights: Floats[Array, "bones"]
     sensor_joints: Ints[Array, "sensors"]
     sensor_points: Floats[Array, "sensors 3"]
+    reference: int
 
     def history(self, poses: Floats[Array, "moments dofs"]) -> Floats[Array, "columns"]:
         """History features of the last poses, newest first."""
@@ -129,7 +128,7 @@ class FeatureMap:
         """Sensor features of the places of `sensor_points`, scaled to the average body, and of bone rotations."""
         out = np.empty(9 * len(self.sensor_joints))
         how = self.settings
-        _kernels.sensor_block(positions, rotations, 0, how.place_weight, how.turn_weight, out)
+        _kernels.sensor_block(positions, rotations, self.reference, how.place_weight, how.turn_weight, out)
         return out
 
     def library_history(
@@ -152,7 +151,7 @@ class FeatureMap:
         out = np.empty((len(rows), 9 * len(self.sensor_joints)), dtype=np.float32)
         if len(self.sensor_joints):
             _kernels.library_sensors(
-                body.parents, body.offsets, poses, rows, self.sensor_joints, self.sensor_points, 0,
+                body.parents, body.offsets, poses, rows, self.sensor_joints, self.sensor_points, self.reference,
                 how.place_weight, how.turn_weight, out,
             )  # fmt: skip
         return out
@@ -162,4 +161,5 @@ def make_feature_map(settings: FeatureSettings) -> FeatureMap:
     """Features by `settings`. Raises SkeletonError for an unknown bone."""
     bones, weights = _weighted_bones()
     joints = np.array([average_body().index(bone) for bone in settings.sensor_bones], dtype=np.int64)
-    return FeatureMap(settings, bones, weights, joints, feature_points(average_body(), settings.sensor_bones))
+    points = feature_points(average_body(), settings.sensor_bones)
+    return FeatureMap(settings, bones, weights, joints, points, reference_sensor(settings.sensor_bones))

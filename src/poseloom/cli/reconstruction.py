@@ -1,0 +1,84 @@
+"""`poseloom reconstruct`: a recording in, a full-body motion out."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from poseloom.cli._progress import progress_bars
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from poseloom.methods import Reconstruction
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command."""
+    app.command("reconstruct")(reconstruct_recording)
+    app.command("methods")(list_methods)
+
+
+def reconstruct_recording(
+    recording: Annotated[Path, typer.Argument(help="What the sensors said (.mcap).", metavar="REC")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The motion: .bvh, .glb or .npz.")],
+    method: Annotated[str, typer.Option("--method", "-m", help="How; see `poseloom methods`.")] = "local-regression",
+    library: Annotated[Path | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
+) -> None:
+    """Reconstruct the full-body motion of a recording."""
+    from rich.console import Console
+
+    from poseloom.formats import motion_suffixes, write_motion
+    from poseloom.formats.recording import read_recording
+    from poseloom.library import open_library
+    from poseloom.methods import make_method, needs_library, reconstruct
+
+    _check_output(output, motion_suffixes())
+    wanted = needs_library(method)
+    heard = read_recording(recording)
+    opened = open_library(library) if wanted and library is not None else None
+    chosen = make_method(method, heard.layout, opened)
+    with progress_bars() as show:
+        result = reconstruct(chosen, heard, lambda done: show("Reconstructing", done, len(heard)))
+    write_motion(result.motion, output)
+    Console().print(_summary(result, method, output))
+
+
+def list_methods() -> None:
+    """List the methods that can be chosen."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from poseloom.methods import METHODS
+
+    table = Table("method", "what it is", "library")
+    for name, entry in METHODS.items():
+        table.add_row(name, entry.summary, "yes" if entry.model else "no")
+    Console().print(table)
+
+
+def _check_output(output: Path, suffixes: tuple[str, ...]) -> None:
+    from poseloom.errors import FormatError
+
+    if output.suffix.lower() not in suffixes:
+        raise FormatError(
+            f"no motion can be written as {output.suffix or 'a file without suffix'}",
+            remedy=f"Choose one of {', '.join(suffixes)}",
+            file=output,
+        )
+    if not output.resolve().parent.is_dir():
+        raise FormatError("the output's folder does not exist", remedy="Make it first", file=output)
+
+
+def _summary(result: "Reconstruction", method: str, output: Path) -> "Table":
+    import numpy as np
+    from rich.table import Table
+
+    states = [health.state.value for health in result.health]
+    milliseconds = 1e3 * np.percentile(result.step_seconds, [50, 95, 99])
+    table = Table(title=str(output), show_header=False)
+    table.add_row("method", method)
+    table.add_row("frames", f"{len(result.motion)} at {result.motion.rate:g} Hz")
+    table.add_row("health", ", ".join(f"{states.count(s)} {s}" for s in dict.fromkeys(states)))
+    table.add_row("step p50, p95, p99", " ".join(f"{value:.2f}" for value in milliseconds) + " ms")
+    return table

@@ -1,0 +1,206 @@
+"""Methods that ask a motion library: the nearest moments, a local model of them, and the solver."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poseloom.arrays import Array, Bools, Floats, Floats32, Ints
+from poseloom.errors import MethodError
+from poseloom.library import MotionLibrary
+from poseloom.library.features import FeatureSettings
+from poseloom.library.index import Exclusion, MomentIndex
+from poseloom.methods.trackers import _kernels
+from poseloom.methods.trackers.local_models import LocalModel, LocalRidge, NearestPose, Neighbourhood
+from poseloom.methods.trackers.loop import TrackerMethod
+from poseloom.methods.trackers.observation import BoneView, measured_view, predicted_view
+from poseloom.methods.trackers.standing import standing_pose
+from poseloom.methods.trackers.state import TrackerSettings, TrackerState, Wearer
+from poseloom.rotations import heading_angle, nearest_branch, quat_from_matrix
+from poseloom.sensors import SensorLayout
+from poseloom.skeleton.kinematics import forward_kinematics
+from poseloom.solve import GaussianPrior, SensorReadings
+
+
+@dataclass(frozen=True)
+class NeighbourSettings:
+    """How neighbours are chosen, weighed and made into a prior.
+
+    Attributes:
+        neighbours: How many (K in the paper).
+        bandwidth: Width of the Gaussian weights in units of the neighbours' root mean square distance; infinity weighs
+            all alike, as the paper does.
+        angle_floor: Least standard deviation of a predicted angle, radians.
+        place_floor: Least standard deviation of the predicted root place, metres.
+        margin: How far beyond the neighbours' range a prediction may go, as a share of that range.
+        first_floor: Standard deviation added for the first pose, radians and metres.
+    """
+
+    neighbours: int = 128
+    bandwidth: float = 1.0
+    angle_floor: float = np.deg2rad(1.0)
+    place_floor: float = 0.005
+    margin: float = 0.1
+    first_floor: float = 0.1
+
+
+@dataclass(frozen=True)
+class QuerySettings:
+    """What the search looks at.
+
+    Attributes:
+        history: Poses before the present one (m in the paper).
+        sensors: Whether the present sensor signal counts too ("history+sensors"), or the history alone as in the paper.
+    """
+
+    history: int = 3
+    sensors: bool = True
+
+    def features(self, layout: SensorLayout) -> FeatureSettings:
+        """The feature settings of this query for a layout. Sensors are always indexed: a start needs them."""
+        return FeatureSettings(history=self.history, sensor_bones=tuple(sensor.bone for sensor in layout.sensors))
+
+
+class LocalRegression(TrackerMethod):
+    """Full-body motion from trackers by a local model of the nearest moments of a motion library.
+
+    Source: the six-sensor paper, sections 5 and 6; its slips mended as `docs/derivations.md` says. Departures: the
+    search and the regression may see the present sensor signal; the prior keeps the covariance of the neighbours'
+    residuals; the first pose is found from the sensors, never given.
+
+    Args:
+        library: Where the neighbours come from; its rate must be the layout's.
+        layout: The trackers.
+        model: The local model.
+        allowed: Mask over the library's poses: False for those that must not be used (a left-out take). None: all.
+    """
+
+    def __init__(
+        self,
+        library: MotionLibrary,
+        layout: SensorLayout,
+        model: LocalModel | None = None,
+        neighbours: NeighbourSettings | None = None,
+        query: QuerySettings | None = None,
+        settings: TrackerSettings | None = None,
+        allowed: Bools[Array, "poses"] | None = None,
+    ) -> None:
+        if abs(library.rate - layout.rate) > 1e-6:
+            raise MethodError(
+                f"the library has {library.rate:g} poses a second, the layout {layout.name!r} {layout.rate:g}",
+                cause="a local model predicts over exactly one sample",
+                remedy="Build a library at the sensors' rate (library build --rate), or record at the library's",
+            )
+        self.query = query or QuerySettings()
+        super().__init__(layout, settings)
+        self.model = model or LocalRidge()
+        self.neighbours = neighbours or NeighbourSettings()
+        self._index: MomentIndex = library.moments(self.query.features(layout))
+        self._poses: Floats32[Array, "poses dofs"] = np.asarray(library.poses)
+        self._exclusion: Exclusion | None = None if allowed is None else self._index.exclusion(allowed)
+
+    @property
+    def moments(self) -> int:
+        """See `TrackerMethod.moments`."""
+        return self.query.history
+
+    def next_prior(
+        self, state: TrackerState, previous: Floats[Array, "dofs"], readings: SensorReadings
+    ) -> GaussianPrior:
+        """See `TrackerMethod.next_prior`."""
+        wearer = state.wearer
+        history = state.history
+        if len(history) < self.query.history:
+            history = np.concatenate([history, np.repeat(history[-1:], self.query.history - len(history), axis=0)])
+        scaled = history.copy()
+        scaled[:, :3] /= wearer.scale
+        index = self._index
+        seen = index.history(index.features.history(scaled))
+        query = np.concatenate([seen, self._sensor_columns(wearer, previous, readings)])
+        found = self._search(query)
+        outputs = np.empty((len(found), len(previous)))
+        _kernels.gather_outputs(self._poses, index.rows[found], previous, wearer.scale, outputs)
+        inputs = index.columns[found].astype(np.float64)
+        if not self.query.sensors:
+            inputs, query = inputs[:, : len(seen)], seen
+        return self._prior(Neighbourhood(query, inputs, outputs, self._weights(inputs, query), previous))
+
+    def _search(self, query: Floats[Array, "columns"]) -> Ints[Array, "neighbours"]:
+        found, _ = self._index.search(query, self.neighbours.neighbours, self._exclusion)
+        self._check(found)
+        return found
+
+    def _check(self, found: Ints[Array, "neighbours"]) -> None:
+        if len(found) < 2:
+            raise MethodError(
+                "the library has no motion left to learn from",
+                cause="everything in it is left out, or it is nearly empty",
+                remedy="Add motions to the library, or leave out less",
+            )
+
+    def _weights(
+        self, inputs: Floats[Array, "neighbours columns"], query: Floats[Array, "columns"]
+    ) -> Floats[Array, "neighbours"]:
+        squares = ((inputs - query) ** 2).sum(axis=1)
+        width = self.neighbours.bandwidth**2 * float(squares.mean()) + 1e-12
+        weights = np.exp(-0.5 * (squares - squares.min()) / width)
+        return weights / weights.sum()
+
+    def _prior(self, near: Neighbourhood) -> GaussianPrior:
+        mean, covariance = self.model.predict(near)
+        low, high = near.outputs.min(axis=0), near.outputs.max(axis=0)
+        slack = self.neighbours.margin * (high - low)
+        floor = np.full(len(mean), self.neighbours.angle_floor)
+        floor[:3] = self.neighbours.place_floor
+        covariance[np.diag_indices_from(covariance)] += floor**2
+        return GaussianPrior(np.clip(mean, low - slack, high + slack), covariance)
+
+    def _sensor_columns(
+        self, wearer: Wearer, pose: Floats[Array, "dofs"], readings: SensorReadings
+    ) -> Floats[Array, "columns"]:
+        """Projected sensor features; what a sensor does not say is what the given pose predicts of it."""
+        view = measured_view(readings, wearer.mount, wearer.points, _view(wearer, pose))
+        return self._index.sensors(self._index.features.sensors(view.points / wearer.scale, view.rotations))
+
+    def first_prior(self, wearer: Wearer, readings: SensorReadings) -> GaussianPrior:
+        """See `TrackerMethod.first_prior`: the neighbours by the sensors alone, put where the sensors are."""
+        standing = standing_pose(wearer, readings)
+        columns = self._sensor_columns(wearer, standing, readings)
+        found, distances = self._index.search_sensors(columns, self.neighbours.neighbours, self._exclusion)
+        self._check(found)
+        target = measured_view(readings, wearer.mount, wearer.points, _view(wearer, standing))
+        poses = np.stack([self._placed(wearer, row, target, standing) for row in self._index.rows[found]])
+        weights = np.exp(-0.5 * (distances - distances.min()) / (float(distances.mean()) + 1e-12))
+        weights /= weights.sum()
+        mean = weights @ poses
+        centred = np.sqrt(weights)[:, None] * (poses - mean)
+        return GaussianPrior(mean, centred.T @ centred + np.eye(len(mean)) * self.neighbours.first_floor**2)
+
+    def _placed(
+        self, wearer: Wearer, row: int, target: BoneView, reference: Floats[Array, "dofs"]
+    ) -> Floats[Array, "dofs"]:
+        """A library pose on the wearer, its reference bone above the target's ground point and along its heading."""
+        q = self._poses[row].astype(np.float64)
+        q[:3] *= wearer.scale
+        own, sensor = _view(wearer, q), wearer.reference
+        heading = float(heading_angle(quat_from_matrix(own.rotations[sensor])))
+        wanted = float(heading_angle(quat_from_matrix(target.rotations[sensor])))
+        out = np.empty_like(q)
+        x, z = float(own.points[sensor, 0]), float(own.points[sensor, 2])
+        _kernels.into_heading(q, x, z, heading - wanted, out)
+        out[0] += target.points[sensor, 0]
+        out[2] += target.points[sensor, 2]
+        out[3:] = nearest_branch(out[3:].reshape(-1, 3), reference[3:].reshape(-1, 3)).ravel()
+        return out
+
+
+class NearestExample(LocalRegression):
+    """The nearest moment's pose as the prior: what the library alone would say, bent to the sensors."""
+
+    def __init__(
+        self, library: MotionLibrary, layout: SensorLayout, allowed: Bools[Array, "poses"] | None = None
+    ) -> None:
+        super().__init__(library, layout, NearestPose(), allowed=allowed)
+
+
+def _view(wearer: Wearer, pose: Floats[Array, "dofs"]) -> BoneView:
+    return predicted_view(forward_kinematics(wearer.skeleton, pose), wearer.mount, wearer.points)

@@ -1,0 +1,70 @@
+"""Parameters and state that all tracker methods share."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from poseloom.arrays import Array, Floats
+from poseloom.skeleton.skeleton import Skeleton
+from poseloom.solve import SensorMount, SolverSettings
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """What every tracker method needs to know.
+
+    Attributes:
+        sigma_position: Trust in a tracker's position, metres.
+        sigma_orientation: Trust in a tracker's orientation, radians.
+        solver: How the pose is solved for.
+        lost_after: Seconds of silence of all sensors after which the pose means little.
+        misfit_position: Metres by which the median tracker may miss its solved place before the pose counts as astray.
+        misfit_orientation: The same for its orientation, radians.
+        misfit_frames: Astray frames in a row after which the search starts anew from the sensors alone.
+    """
+
+    sigma_position: float = 0.005
+    sigma_orientation: float = np.deg2rad(1.0)
+    solver: SolverSettings = field(default_factory=SolverSettings)
+    lost_after: float = 2.0
+    misfit_position: float = 0.05
+    misfit_orientation: float = np.deg2rad(12.0)
+    misfit_frames: int = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Wearer:
+    """What stays the same from the first sample to the last.
+
+    Attributes:
+        skeleton: The wearer's bones.
+        mount: The sensors on them.
+        reference: The sensor nearest to the trunk.
+        points: The point on each sensor's bone that features look at, in the bone's frame.
+        scale: Wearer's metres for one metre of the library's body.
+    """
+
+    skeleton: Skeleton
+    mount: SensorMount
+    reference: int
+    points: Floats[Array, "sensors 3"]
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerState:
+    """What changes from sample to sample.
+
+    Attributes:
+        wearer: What does not.
+        history: The last solved poses in the world, newest first; fewer than asked for at the start.
+        spread: Standard deviations of the newest pose.
+        silent: Samples in a row in which no sensor spoke.
+        astray: Samples in a row in which the sensors did not fit.
+    """
+
+    wearer: Wearer
+    history: Floats[Array, "moments dofs"]
+    spread: Floats[Array, "dofs"]
+    silent: int = 0
+    astray: int = 0

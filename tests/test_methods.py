@@ -1,0 +1,161 @@
+"""The contract, over every method; and what a method makes of sensors that fall silent or lie."""
+
+import numpy as np
+import pytest
+
+from poseloom.errors import MethodError
+from poseloom.evaluation.metrics import joint_angle_deg, joint_position_cm
+from poseloom.library import MotionLibrary, build_library, open_library
+from poseloom.methods import METHODS, HealthState, make_method, reconstruct
+from poseloom.samples import sample_motions
+from poseloom.sensors import Recording, layout
+from poseloom.skeleton import average_body, resample, retarget
+from poseloom.synthesis import TrackerNoise, simulate_trackers
+
+LEFT_OUT = "walk"
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> MotionLibrary:
+    folder = tmp_path_factory.mktemp("library") / "samples"
+    build_library(["samples"], folder, mirror=False, workers=1)
+    return open_library(folder)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    motion = sample_motions()[LEFT_OUT]
+    return simulate_trackers(motion.cut(0, min(len(motion), 60)), layout("six-trackers"), TrackerNoise(), seed=3)
+
+
+def _method(name: str, library: MotionLibrary, channels: str = "six-trackers"):
+    allowed = np.ones(len(library.poses), dtype=bool)
+    for clip in library.clips:
+        if clip.name == LEFT_OUT:
+            allowed[clip.start : clip.stop] = False
+    return make_method(name, layout(channels), library, allowed)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_whole_run_equals_a_split_run(name: str, library: MotionLibrary, recording: Recording) -> None:
+    method = _method(name, library)
+    whole = reconstruct(method, recording)
+    state = method.start(recording.skeleton, recording.placements)
+    kept = None
+    poses = []
+    for index in range(len(recording)):
+        if index == 25:
+            kept = state
+        state, frame = method.step(state, recording.sample(index))
+        poses.append(frame.pose.q)
+    np.testing.assert_array_equal(np.stack(poses), whole.motion.q)
+    # The state kept from the middle leads to the same second half, though the method has gone on since.
+    second = []
+    for index in range(25, len(recording)):
+        kept, frame = method.step(kept, recording.sample(index))
+        second.append(frame.pose.q)
+    np.testing.assert_array_equal(np.stack(second), whole.motion.q[25:])
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_step_changes_neither_argument(name: str, library: MotionLibrary, recording: Recording) -> None:
+    method = _method(name, library)
+    state = method.start(recording.skeleton, recording.placements)
+    for index in range(5):
+        sample = recording.sample(index)
+        before = (sample.positions.copy(), sample.quats_wxyz.copy(), state.history.copy(), state.spread.copy())
+        following, _ = method.step(state, sample)
+        for value, old in zip((sample.positions, sample.quats_wxyz, state.history, state.spread), before, strict=True):
+            np.testing.assert_array_equal(value, old)
+        state = following
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_frames_belong_where_the_delay_says(name: str, library: MotionLibrary, recording: Recording) -> None:
+    method = _method(name, library)
+    result = reconstruct(method, recording)
+    np.testing.assert_array_equal(result.samples, np.arange(len(recording) - method.delay))
+    np.testing.assert_array_equal(result.times, recording.times[result.samples])
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_missing_channels_survive(name: str, library: MotionLibrary, recording: Recording) -> None:
+    positions, quats = recording.positions.copy(), recording.quats_wxyz.copy()
+    rng = np.random.default_rng(0)
+    positions[rng.random(positions.shape[:2]) < 0.3] = np.nan
+    quats[rng.random(quats.shape[:2]) < 0.3] = np.nan
+    positions[20:24], quats[20:24] = np.nan, np.nan
+    holed = _changed(recording, positions, quats)
+    result = reconstruct(_method(name, library), holed)
+    assert np.isfinite(result.motion.q).all()
+    assert np.isfinite(result.spread).all()
+    assert {result.health[i].state for i in range(20, 24)} == {HealthState.COASTING}
+    assert result.health[40].state is not HealthState.COASTING
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_it_starts_when_the_first_sensor_speaks(name: str, library: MotionLibrary, recording: Recording) -> None:
+    positions, quats = recording.positions.copy(), recording.quats_wxyz.copy()
+    positions[:3], quats[:3] = np.nan, np.nan
+    result = reconstruct(_method(name, library), _changed(recording, positions, quats))
+    assert result.samples[0] in (0, 3)
+    assert np.isfinite(result.motion.q).all()
+
+
+def test_no_truth_enters(library: MotionLibrary, recording: Recording) -> None:
+    from dataclasses import replace
+
+    method = _method("local-regression", library)
+    np.testing.assert_array_equal(
+        reconstruct(method, recording).motion.q, reconstruct(method, replace(recording, truth=None)).motion.q
+    )
+
+
+def test_the_library_helps(library: MotionLibrary, recording: Recording) -> None:
+    errors = {
+        name: joint_angle_deg(recording.truth, reconstruct(_method(name, library), recording).motion)
+        for name in ("local-regression", "inverse-kinematics")
+    }
+    assert errors["local-regression"] < 0.8 * errors["inverse-kinematics"]
+
+
+def test_a_known_motion_comes_back(library: MotionLibrary, recording: Recording) -> None:
+    everything = make_method("local-regression", layout("six-trackers"), library)
+    result = reconstruct(everything, recording)
+    assert joint_position_cm(recording.truth, result.motion) < 2.0
+
+
+def test_another_body_is_driven_too(library: MotionLibrary, recording: Recording) -> None:
+    body = average_body()
+    tall = body.with_offsets(body.offsets * 1.12, body.tips * 1.12)
+    motion = retarget(sample_motions()[LEFT_OUT], tall)
+    other = simulate_trackers(motion.cut(0, 60), layout("six-trackers"), TrackerNoise(), seed=3)
+    own = joint_position_cm(recording.truth, reconstruct(_method("local-regression", library), recording).motion)
+    scaled = joint_position_cm(other.truth, reconstruct(_method("local-regression", library), other).motion)
+    assert scaled < 2.0 * own
+
+
+def test_three_trackers_give_a_plausible_body(library: MotionLibrary) -> None:
+    motion = sample_motions()[LEFT_OUT]
+    recording = simulate_trackers(motion.cut(0, 60), layout("three-trackers"), TrackerNoise(), seed=3)
+    result = reconstruct(_method("local-regression", library, "three-trackers"), recording)
+    assert joint_position_cm(recording.truth, result.motion) < 15.0
+
+
+def test_wrong_requests_are_explained(library: MotionLibrary, recording: Recording) -> None:
+    with pytest.raises(MethodError, match="Did you mean 'local-regression'"):
+        make_method("local-regresion", layout("six-trackers"), library)
+    with pytest.raises(MethodError, match="needs a motion library"):
+        make_method("local-regression", layout("six-trackers"))
+    with pytest.raises(MethodError, match="listens to the layout"):
+        reconstruct(make_method("inverse-kinematics", layout("three-trackers")), recording)
+    with pytest.raises(MethodError, match="not of trackers"):
+        make_method("inverse-kinematics", layout("right-foot-imu"))
+
+
+def _changed(recording: Recording, positions, quats) -> Recording:
+    from dataclasses import replace
+
+    from poseloom.arrays import frozen
+
+    return replace(recording, positions=frozen(positions), quats_wxyz=frozen(quats))
