@@ -164,6 +164,21 @@ def test_positions_come_from_the_motions_own_bones(seed: int) -> None:
     assert np.allclose(profiles.position_errors(truth, estimate), distance)
 
 
+def test_feet_skate_only_while_the_truth_stands() -> None:
+    """The truth stands, then swings its left leg far up; the estimate slides at 10 cm/s all the time."""
+    q = np.zeros((120, average_body().size))
+    q[:, 1] = 0.93
+    q[60:, column("leftUpperLeg", 0)] = np.linspace(0, -1.2, 60)
+    truth = motion_of(q)
+    sliding = q.copy()
+    sliding[:, 0] = 0.10 * np.arange(120) / RATE
+    assert metrics.foot_skate_cm_s(truth, motion_of(sliding)) == pytest.approx(10.0, abs=0.5)
+    assert metrics.foot_skate_cm_s(truth, truth) < 0.5
+    flying = q.copy()
+    flying[:, 1] += np.linspace(0, 200, 120)
+    assert np.isnan(metrics.foot_skate_cm_s(motion_of(flying), truth))
+
+
 def test_latency_keeps_its_parts_apart() -> None:
     seconds = np.append(np.arange(1, 101) / 1000, np.nan)
     late = metrics.latency(seconds, delay=3, rate=40.0)
@@ -183,7 +198,7 @@ def test_motions_that_cannot_be_compared_are_refused() -> None:
 def test_rows_come_back_as_they_were_written(tmp_path) -> None:
     row = Row("evaluate", "ik", "six-trackers", "by-sequence", "joint_angle_deg", 2.5, 0.5, 3, 900, 7)
     results = Results("evaluate", motions_digest([still_motion()]), (row, Row("speed", "fk", "", "none", "us", 3.6)))
-    path = tmp_path / "deep" / "rows.json"
+    path = tmp_path / "rows.json"
     write_results(results, path)
     again = read_results(path)
     assert again.rows == results.rows

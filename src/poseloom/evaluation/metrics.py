@@ -14,6 +14,7 @@ from poseloom.arrays import Array, Bools, Floats
 from poseloom.evaluation import profiles
 from poseloom.rotations import unwrap_rotvec
 from poseloom.skeleton.body import BODY_BONES, moving_dofs
+from poseloom.skeleton.contacts import contacts, sole_positions
 from poseloom.skeleton.kinematics import motion_frames
 from poseloom.skeleton.motion import Motion
 
@@ -88,6 +89,24 @@ def jitter_km_s3(motion: Motion) -> float:
         return float("nan")
     third = np.diff(motion_frames(motion).positions, n=3, axis=0)
     return float(np.linalg.norm(third, axis=-1).mean() * motion.rate**3) / 1000
+
+
+def foot_skate_cm_s(truth: Motion, estimate: Motion) -> float:
+    """Mean horizontal speed of the estimate's heels and toes while the truth has them in contact with the floor.
+
+    A speed counts where the truth's point stands in both frames that it is taken from; NaN where nothing ever stands.
+    """
+    if len(truth) < 2:
+        return float("nan")
+    stands = contacts(truth)
+    standing = np.stack([stands.left_heel, stands.left_toe, stands.right_heel, stands.right_toe], axis=1)
+    both = standing[1:] & standing[:-1]
+    speed = np.linalg.norm(np.diff(sole_positions(estimate)[..., [0, 2]], axis=0), axis=-1) * estimate.rate
+    return 100 * float(speed[both].mean()) if both.any() else float("nan")
+
+
+def _skate_of_truth(truth: Motion, _estimate: Motion) -> float:
+    return foot_skate_cm_s(truth, truth)
 
 
 @dataclass(frozen=True)
@@ -168,6 +187,8 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             Metric("truth_jitter_deg_s3", "jitter of the truth, °/s³", _of_truth(jitter_deg_s3)),
             Metric("jitter_km_s3", "jitter, km/s³", _of_estimate(jitter_km_s3)),
             Metric("truth_jitter_km_s3", "jitter of the truth, km/s³", _of_truth(jitter_km_s3)),
+            Metric("foot_skate_cm_s", "foot skate, cm/s", foot_skate_cm_s),
+            Metric("truth_foot_skate_cm_s", "foot skate of the truth, cm/s", _skate_of_truth),
         )
     }
 )

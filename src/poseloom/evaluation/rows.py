@@ -7,7 +7,6 @@
 import hashlib
 import json
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from poseloom.errors import FormatError
+from poseloom.formats.atomic import atomic_file
 from poseloom.skeleton.motion import Motion
 
 
@@ -78,7 +78,8 @@ def write_results(results: Results, path: str | Path) -> None:
     """Writes the JSON file, whole or not at all; an empty version is filled with the running one.
 
     Raises:
-        FormatError: where a value is not finite (leave such a row out), or the file cannot be written.
+        FormatError: where a value is not finite (leave such a row out).
+        OSError: where the file cannot be written.
     """
     target = Path(path)
     for row in results.rows:
@@ -95,37 +96,22 @@ def write_results(results: Results, path: str | Path) -> None:
         "data_digest": results.data_digest,
         "rows": [asdict(row) for row in results.rows],
     }
-    write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", target)
-
-
-def write_text(text: str, path: str | Path) -> None:
-    """Writes a text file whole or not at all: beside the target first, then moved over it."""
-    target = Path(path)
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, target)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise FormatError(
-            "cannot write the file", cause=error.strerror or str(error), remedy="Choose another place", file=target
-        ) from error
+    with atomic_file(target) as part:
+        part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_results(path: str | Path) -> Results:
     """Reads a file of `write_results`.
 
     Raises:
-        FormatError: where the file is missing or is none of these.
+        FormatError: where the file is none of these.
+        OSError: where it cannot be read.
     """
     source = Path(path)
     try:
         content = json.loads(source.read_text(encoding="utf-8"))
         rows = tuple(_row(entry) for entry in content["rows"])
         return Results(str(content["benchmark"]), str(content["data_digest"]), rows, str(content["version"]))
-    except OSError as error:
-        raise FormatError("cannot read the file", cause=error.strerror or str(error), file=source) from error
     except (ValueError, TypeError, KeyError) as error:
         raise FormatError(
             "this is no file of benchmark rows", cause=f"{type(error).__name__}: {error}", file=source
