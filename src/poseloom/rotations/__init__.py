@@ -12,7 +12,7 @@ from poseloom.rotations._convert import (
     rotvec_from_matrix,
     rotvec_from_quat,
 )
-from poseloom.rotations._euler import euler_from_matrix, matrix_from_euler
+from poseloom.rotations._euler import euler_from_matrix, matrix_from_euler, rotvec_series_from_euler
 from poseloom.rotations._group import (
     aligning_matrix,
     geodesic_angle,
@@ -50,6 +50,7 @@ __all__ = [
     "right_jacobian_inverse",
     "rotvec_from_matrix",
     "rotvec_from_quat",
+    "rotvec_series_from_euler",
     "slerp",
     "unwrap_rotvec",
 ]

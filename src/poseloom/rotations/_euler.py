@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats
+from poseloom.arrays import Array, Floats, Ints
+from poseloom.rotations._series_kernels import rotvecs_from_euler
 
 
 def _axis_matrix(axis: str, angle: Floats[Array, "*batch"]) -> Floats[Array, "*batch 3 3"]:
@@ -43,3 +44,18 @@ def euler_from_matrix(matrix: Floats[Array, "*batch 3 3"], axes: str) -> Floats[
     last = np.arctan2(-sign * matrix[..., i, j], matrix[..., i, i])
     first_locked = np.arctan2(sign * matrix[..., k, j], matrix[..., j, j])
     return np.stack([np.where(locked, first_locked, first), middle, np.where(locked, 0.0, last)], axis=-1)
+
+
+def rotvec_series_from_euler(
+    angles: Floats[Array, "frames joints turns"], axes: Ints[Array, "joints turns"]
+) -> Floats[Array, "frames joints 3"]:
+    """Rotation vectors, continuous in time, of many joints given by Euler angles.
+
+    Args:
+        angles: Radians.
+        axes: For each joint the axes of its turns, 0 to 2 for X to Z, whose product, left to right, is its rotation; -1
+            where it has fewer turns. One axis may come twice (as in ZXZ).
+    """
+    out = np.empty((*angles.shape[:2], 3))
+    rotvecs_from_euler(angles, axes, out)
+    return out
