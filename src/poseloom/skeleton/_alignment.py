@@ -1,14 +1,15 @@
-"""How the body lies in a source skeleton: which joints its bones follow, how their frames are turned, how long they are."""
+"""How the body lies in a source skeleton: which joints its bones follow, how their frames turn, how long they are."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from poseloom.arrays import Array, Floats, Ints
 from poseloom.rotations import aligning_matrix, geodesic_angle, matrix_from_rotvec, quat_from_matrix
+from poseloom.skeleton._family import Family, plain_name
 from poseloom.skeleton.body import BODY_BONES, average_body
-from poseloom.skeleton.families import Family, plain_name
 from poseloom.skeleton.skeleton import Skeleton
 
 _SIDES = ("left", "right")
@@ -29,8 +30,8 @@ NEXT: Mapping[str, str] = {
 """The bone at whose beginning a bone ends; head, hands and toes end at their tips, and the hips have no direction."""
 
 _AS_FACING = ("hips", "leftShoulder", "rightShoulder")
-"""Bones whose frames are not turned onto the source's bones. Collar bones are drawn level by some families and sloping by
-others: turned onto them, the upper arms of one and the same pose would differ by up to 30 degrees."""
+"""Bones whose frames are not turned onto the source's bones. Collar bones are drawn level by some families and sloping
+by others: turned onto them, the upper arms of one and the same pose would differ by up to 30 degrees."""
 
 _CARRIED: Mapping[str, str] = {
     **_pairs(("LowerArm", "UpperArm"), ("Hand", "LowerArm")),
@@ -86,7 +87,7 @@ class _Rest:
         return self.index.get(self.family.turn(bone))
 
     def end(self, bone: str, far: bool = False) -> Floats[Array, "3"] | None:
-        """Where the joint with which a bone turns has its end, or the end of the whole chain; None if none is stated."""
+        """Where the joint with which a bone turns has its end, or the whole chain its; None if none is stated."""
         joint = self.turn(bone)
         following = self.index.get(self.family.ends.get(bone, ""))
         while joint is not None:
@@ -179,7 +180,7 @@ def _starts(rest: _Rest, facing: Floats[Array, "3 3"]) -> dict[str, Floats[Array
     for i, bone in enumerate(BODY_BONES):
         if bone in starts:
             continue
-        parent = BODY_BONES[average.parents[i]]
+        parent = BODY_BONES[int(average.parents[i])]
         guess = starts[parent] + scale * facing @ average.offsets[i]
         if bone.endswith("Shoulder"):
             starts[bone] = starts.get("neck", guess)
@@ -206,7 +207,7 @@ def _fill(starts: dict[str, Floats[Array, "3"]], chain: tuple[str, ...]) -> None
     steps = [np.linalg.norm(average.offsets[average.index(bone)]) for bone in chain]
     reach = np.cumsum(steps) - steps[0]
     present = [i for i, bone in enumerate(chain) if bone in starts]
-    for low, high in zip(present[:-1], present[1:], strict=True):
+    for low, high in pairwise(present):
         for i in range(low + 1, high):
             part = (reach[i] - reach[low]) / (reach[high] - reach[low])
             starts[chain[i]] = (1 - part) * starts[chain[low]] + part * starts[chain[high]]
@@ -224,7 +225,7 @@ def _turns(rest: _Rest) -> Ints[Array, "bones"]:
 def _bone_frames(
     rest: _Rest, starts: Mapping[str, Floats[Array, "3"]], facing: Floats[Array, "3 3"]
 ) -> dict[str, Floats[Array, "3 3"]]:
-    """Frames of the body's bones in the rest pose: turned as little as possible from the T-pose onto the source's bones."""
+    """The bones' frames in the rest pose: turned as little as possible from the T-pose onto the source's bones."""
     body = average_body()
     plain = {"hips": facing}
     for i, bone in enumerate(BODY_BONES[1:], start=1):
@@ -233,7 +234,7 @@ def _bone_frames(
         if way is not None:
             base = aligning_matrix(base @ _ideal(bone), way) @ base
         elif rest.turn(bone) is None and bone not in _AS_FACING:
-            base = plain[BODY_BONES[body.parents[i]]]
+            base = plain[BODY_BONES[int(body.parents[i])]]
         plain[bone] = base
     rolls = {bone: np.array([np.radians(angle), 0.0, 0.0]) for bone, angle in rest.family.rolls.items()}
     return {bone: frame @ matrix_from_rotvec(rolls.get(bone, np.zeros(3))) for bone, frame in plain.items()}
@@ -259,7 +260,7 @@ def _sized_body(
     offsets, tips = np.zeros((len(body), 3)), body.tips * (_leg_length(starts) / leg_length(body))
     for i, bone in enumerate(BODY_BONES):
         if i:
-            parent = BODY_BONES[body.parents[i]]
+            parent = BODY_BONES[int(body.parents[i])]
             offsets[i] = frames[parent].T @ (starts[bone] - starts[parent])
         begin, end = rest.start(bone), rest.end(bone, far=True)
         if np.isfinite(body.tips[i]).all() and begin is not None and end is not None:

@@ -21,8 +21,8 @@ def bone_rotvecs(
 ) -> None:
     """Fills rotation vectors relative to the parent bone, each on the branch nearest to the frame before's.
 
-    Bone b is turned like joint `turns[b]` times `R_turn_bone[b]`. Where `aims[b]` names two joints, it is turned further,
-    as little as possible, so that its direction `ideals[b]` runs from the first to the second.
+    Bone b is turned like joint `turns[b]` times `R_turn_bone[b]`. Where `aims[b]` names two joints, it is turned
+    further, as little as possible, so that its direction `ideals[b]` runs from the first to the second.
     """
     world = np.empty((parents.shape[0], 3, 3))
     local = np.empty((3, 3))
@@ -81,7 +81,9 @@ def _aim(
         along = (cross[0] * rotation[0, b] + cross[1] * rotation[1, b] + cross[2] * rotation[2, b]) / (1.0 + cosine)
         for a in range(3):
             i, k = (a + 1) % 3, (a + 2) % 3
-            turned[a] = cosine * rotation[a, b] + cross[i] * rotation[k, b] - cross[k] * rotation[i, b] + along * cross[a]
+            turned[a] = (
+                cosine * rotation[a, b] + cross[i] * rotation[k, b] - cross[k] * rotation[i, b] + along * cross[a]
+            )
         for a in range(3):
             rotation[a, b] = turned[a]
 

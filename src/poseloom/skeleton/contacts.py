@@ -13,8 +13,8 @@ from poseloom.skeleton.motion import Motion
 from poseloom.skeleton.skeleton import Skeleton
 
 _HEEL = np.array([0.0, -0.072, -0.045])
-"""The underside of an average heel in the foot's frame, metres from the ankle. Measured on standing feet of CMU's walks:
-the ankle is 7.5 cm above the floor, the toes' joint 3 cm and their tip 1.7 cm."""
+"""The underside of an average heel in the foot's frame, metres from the ankle. Measured on standing feet of CMU's
+walks: the ankle is 7.5 cm above the floor, the toes' joint 3 cm and their tip 1.7 cm."""
 
 _TOE_DROP = 0.023
 """Metres from the middle of an average body's toes down to their underside, measured in the same way."""
@@ -34,6 +34,9 @@ _UNEVEN = 0.015
 
 _STANCE = 0.25
 """Seconds over which the height of a standing foot is one and the same observation."""
+
+_UPRIGHT = 0.6
+"""Vertical share of a foot's up axis from which on its sole faces the floor: within 53 degrees."""
 
 _SLOW = 0.3
 """Metres a second below which a sole's point can be standing."""
@@ -99,109 +102,127 @@ def sole_points(skeleton: Skeleton, side: str) -> SolePoints:
     average = average_body()
     at = skeleton.index(toes)
     scale = np.linalg.norm(skeleton.offsets[at]) / np.linalg.norm(average.offsets[average.index(toes)])
-    tip = np.where(np.isfinite(skeleton.tips[at]), skeleton.tips[at], scale * average.tips[average.index(toes)])
+    tip = skeleton.tips[at]
+    if not np.isfinite(tip).all():
+        tip = scale * average.tips[average.index(toes)]
     return SolePoints(scale * _HEEL, 0.5 * tip - scale * np.array([0.0, _TOE_DROP, 0.0]))
 
 
 def sole_positions(motion: Motion) -> Floats[Array, "frames 4 3"]:
-    """World places of left heel, left toe, right heel and right toe.
+    """World places of left heel, left toe, right heel and right toe, metres.
 
     Raises:
         SkeletonError: if the motion is not on the body.
     """
-    if motion.skeleton.names != BODY_BONES:
-        raise SkeletonError(
-            f"only the body has soles, not a skeleton of {len(motion.skeleton)} joints",
-            remedy="Retarget the motion to the body first",
-        )
-    frames = motion_frames(motion)
-    places: list[Floats[Array, "frames 3"]] = []
-    for side in ("left", "right"):
-        points = sole_points(motion.skeleton, side)
-        places.append(bone_points(frames, motion.skeleton.index(f"{side}Foot"), points.heel))
-        places.append(bone_points(frames, motion.skeleton.index(f"{side}Toes"), points.toe))
-    return np.stack(places, axis=1)
+    return _soles(motion).places
 
 
 def contacts(motion: Motion, thresholds: ContactThresholds | None = None) -> Contacts:
     """Which heels and toes stand on the floor, frame by frame.
 
     A point's height counts from its own standing level in the clip (heels and toes each, both sides together), for
-    people's feet differ from the average by centimetres. Contact begins when the point is low and slow, and ends when it
-    is high or fast by the larger thresholds.
+    people's feet differ from the average by centimetres, and from a floor that may tilt a little. Contact begins when
+    the point is low and slow and the sole faces down, and ends when it is high or fast by the larger thresholds.
 
     Raises:
         SkeletonError: if the motion is not on the body.
     """
     limits = thresholds or ContactThresholds()
-    places = sole_positions(motion)
-    speeds = _speeds(places, motion.rate)
-    heights = places[..., 1] - _floor_plane(places, speeds, motion.rate)
+    soles = _soles(motion)
+    heights = soles.places[..., 1] - _floor_plane(soles, motion.rate)
     for part in (slice(0, 4, 2), slice(1, 4, 2)):
-        heights[:, part] -= _level(heights[:, part], speeds[:, part])
-    on = (heights < limits.height_on) & (speeds < limits.speed_on)
-    off = (heights > limits.height_off) | (speeds > limits.speed_off)
+        heights[:, part] -= _level(heights[:, part], soles.standing[:, part])
+    on = (heights < limits.height_on) & (soles.speeds < limits.speed_on) & soles.upright
+    off = (heights > limits.height_off) | (soles.speeds > limits.speed_off)
     return Contacts(*(_hysteresis(on[:, i], off[:, i]) for i in range(4)))
 
 
 def floor_height(motion: Motion) -> float:
     """Height of the floor that the motion's feet stand on, metres above the world's zero.
 
-    The median height of the lowest slow point of the soles, over the frames in which it is within 4 cm of the clip's
-    lowest stances: steps, boxes and ladders that are climbed do not count, nor do flights. Where even the lowest stance
-    is 25 cm or more above the file's own zero, it is on a thing and zero stays the floor.
+    The median height of the lowest point of a sole that is slow and faces down, over the frames in which it is within
+    4 cm of the clip's lowest stances: steps, boxes and ladders that are climbed do not count, nor do flights. Zero
+    stays the floor where no foot ever stands and none goes far below zero, and where even the lowest stance is 25 cm or
+    more above it: that is on a thing.
 
     Raises:
         SkeletonError: if the motion is not on the body.
     """
-    places = sole_positions(motion)
-    floor = _floor(places[..., 1], _speeds(places, motion.rate))
+    soles = _soles(motion)
+    floor = _floor(soles)
     return 0.0 if floor > _ELEVATED else floor
 
 
-def _speeds(places: Floats[Array, "frames points 3"], rate: float) -> Floats[Array, "frames points"]:
-    if len(places) < 2:
-        return np.zeros(places.shape[:2])
-    return np.linalg.norm(np.gradient(places, axis=0), axis=-1) * rate
+class _Soles(NamedTuple):
+    """Left heel, left toe, right heel and right toe over time."""
+
+    places: Floats[Array, "frames 4 3"]
+    speeds: Floats[Array, "frames 4"]
+    upright: Bools[Array, "frames 4"]
+
+    @property
+    def standing(self) -> Bools[Array, "frames 4"]:
+        """Points that may be standing on something."""
+        return self.upright & (self.speeds < _SLOW)
+
+    def lowest_standing(self) -> Floats[Array, "stances 3"]:
+        """In each frame that has a standing point, the place of the lowest."""
+        heights = np.where(self.standing, self.places[..., 1], np.inf)
+        frames = np.flatnonzero(self.standing.any(axis=1))
+        return self.places[frames, heights[frames].argmin(axis=1)]
 
 
-def _floor(heights: Floats[Array, "frames points"], speeds: Floats[Array, "frames points"]) -> float:
-    standing = np.where(speeds < _SLOW, heights, np.inf).min(axis=1)
-    standing = standing[np.isfinite(standing)]
-    if standing.size == 0:
-        return float(np.percentile(heights.min(axis=1), _LEVEL_PERCENTILE))
-    low = np.percentile(standing, _LEVEL_PERCENTILE)
-    return float(np.median(standing[standing < low + _LEVEL_BAND]))
+def _soles(motion: Motion) -> _Soles:
+    if motion.skeleton.names != BODY_BONES:
+        raise SkeletonError(
+            f"only the body has soles, not a skeleton of {len(motion.skeleton)} joints",
+            remedy="Retarget the motion to the body first",
+        )
+    frames = motion_frames(motion)
+    places, upright = np.empty((len(motion), 4, 3)), np.empty((len(motion), 4), dtype=np.bool_)
+    for column, (side, part) in enumerate((side, part) for side in ("left", "right") for part in ("Foot", "Toes")):
+        bone, points = motion.skeleton.index(side + part), sole_points(motion.skeleton, side)
+        places[:, column] = bone_points(frames, bone, points.heel if part == "Foot" else points.toe)
+        upright[:, column] = frames.rotations[:, bone, 1, 1] > _UPRIGHT
+    speeds = np.zeros((len(motion), 4))
+    if len(motion) > 1:
+        speeds = np.linalg.norm(np.gradient(places, axis=0), axis=-1) * motion.rate
+    return _Soles(places, speeds, upright)
 
 
-def _floor_plane(
-    places: Floats[Array, "frames points 3"], speeds: Floats[Array, "frames points"], rate: float
-) -> Floats[Array, "frames points"]:
+def _floor(soles: _Soles) -> float:
+    heights = soles.lowest_standing()[:, 1]
+    if heights.size == 0:
+        low = float(np.percentile(soles.places[..., 1].min(axis=1), _LEVEL_PERCENTILE))
+        return low if low < -_ELEVATED else 0.0
+    low = np.percentile(heights, _LEVEL_PERCENTILE)
+    return float(np.median(heights[heights < low + _LEVEL_BAND]))
+
+
+def _floor_plane(soles: _Soles, rate: float) -> Floats[Array, "frames 4"]:
     """Heights of the floor below the points, from a plane that may tilt a little.
 
-    Takes that rise by 6 cm over 4 m are common: the capture's floor was not level. A robust fit of the lowest slow
+    Takes that rise by 6 cm over 4 m are common: the capture's floor was not level. A robust fit of the lowest standing
     points (Cauchy weights) with slopes held near zero by their prior, for a flight of stairs is no floor.
     """
-    lowest = np.where(speeds < _SLOW, places[..., 1], np.inf).argmin(axis=1)
-    frames = np.flatnonzero(np.take_along_axis(speeds, lowest[:, None], axis=1)[:, 0] < _SLOW)
-    floor = _floor(places[..., 1], speeds)
-    if frames.size == 0:
-        return np.full(places.shape[:2], floor)
-    standing = places[frames, lowest[frames]]
-    middle = np.median(standing, axis=0)
-    design = np.stack([np.ones(len(standing)), *(standing[:, [0, 2]] - middle[[0, 2]]).T], axis=1)
+    standing = soles.lowest_standing()
+    floor = _floor(soles)
+    if len(standing) == 0:
+        return np.full(soles.places.shape[:2], floor)
+    middle = np.median(standing[:, [0, 2]], axis=0)
+    design = np.concatenate([np.ones((len(standing), 1)), standing[:, [0, 2]] - middle], axis=1)
     prior = np.diag([0.0, 1.0, 1.0]) / _SLOPE**2
     plane = np.array([floor, 0.0, 0.0])
     for _ in range(10):
         residual = (standing[:, 1] - design @ plane) / _UNEVEN
         weights = 1 / ((1 + residual**2) * _UNEVEN**2 * max(rate * _STANCE, 1.0))
         plane = np.linalg.solve(design.T * weights @ design + prior, design.T @ (weights * standing[:, 1]))
-    return plane[0] + (places[..., [0, 2]] - middle[[0, 2]]) @ plane[1:]
+    return plane[0] + (soles.places[..., [0, 2]] - middle) @ plane[1:]
 
 
-def _level(heights: Floats[Array, "frames points"], speeds: Floats[Array, "frames points"]) -> float:
+def _level(heights: Floats[Array, "frames points"], standing: Bools[Array, "frames points"]) -> float:
     """The height above the floor at which points of one kind stand; zero if they never come near it."""
-    near = heights[(speeds < _SLOW) & (np.abs(heights) < 2 * _LEVEL_BAND)]
+    near = heights[standing & (np.abs(heights) < 2 * _LEVEL_BAND)]
     if near.size == 0:
         return 0.0
     low = np.percentile(near, _LEVEL_PERCENTILE)

@@ -31,7 +31,8 @@ def derivative(
     out = np.empty_like(values)
     for rows, shifts, weights in _stencils(len(values), degree, order):
         out[rows] = sum(
-            weight * values[rows.start + shift : rows.stop + shift] for shift, weight in zip(shifts, weights, strict=True)
+            weight * values[rows.start + shift : rows.stop + shift]
+            for shift, weight in zip(shifts, weights, strict=True)
         )
     return out * rate**degree
 
@@ -89,7 +90,8 @@ def _stencils(count: int, degree: int, order: int) -> Iterator[tuple[slice, tupl
     """Rows, the shifts of the frames that make their difference, and the weights."""
     if order < 2 or order % 2 or degree < 1:
         raise PoseloomError(
-            f"no central difference of degree {degree} and order {order}", remedy="Take degree >= 1 and order 2, 4, 6 ..."
+            f"no central difference of degree {degree} and order {order}",
+            remedy="Take degree >= 1 and order 2, 4, 6 ...",
         )
     width = degree + order
     if count < width:

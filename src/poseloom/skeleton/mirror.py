@@ -45,9 +45,7 @@ def mirror_motion(motion: Motion) -> Motion:
     Raises:
         SkeletonError: if the motion's skeleton is not the 22-bone body (`retarget` it first).
     """
-    return make_motion(
-        mirror_skeleton(motion.skeleton), mirror_pose_vectors(motion.q), motion.rate, motion.name
-    )
+    return make_motion(mirror_skeleton(motion.skeleton), mirror_pose_vectors(motion.q), motion.rate, motion.name)
 
 
 def _require_body(skeleton: Skeleton) -> None:

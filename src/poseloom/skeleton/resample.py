@@ -10,7 +10,7 @@ from poseloom.rotations import nearest_branch, quat_from_rotvec, rotvec_from_qua
 from poseloom.skeleton.motion import Motion
 
 _COINCIDENCE = 1e-3
-"""Instants this near to a frame, in frames, count as that frame: rates in files are rounded (0.0083333 s for 120 Hz)."""
+"""Instants this near to a frame, in frames, count as that frame: rates in files are rounded (0.00833 s for 120 Hz)."""
 
 
 def resample(motion: Motion, rate: float) -> Motion:
@@ -32,9 +32,7 @@ def resample(motion: Motion, rate: float) -> Motion:
     q = motion.q[before]
     between = np.flatnonzero(fraction)
     if between.size:
-        q[between] = interpolate_pose_vectors(
-            motion.q[before[between]], motion.q[after[between]], fraction[between]
-        )
+        q[between] = interpolate_pose_vectors(motion.q[before[between]], motion.q[after[between]], fraction[between])
     moved = motion.displacements
     if moved is not None:
         weight = fraction[:, None, None]
@@ -45,7 +43,7 @@ def resample(motion: Motion, rate: float) -> Motion:
 def interpolate_pose_vectors(
     first: Floats[Array, "frames dofs"], second: Floats[Array, "frames dofs"], fraction: Floats[Array, "frames"]
 ) -> Floats[Array, "frames dofs"]:
-    """Pose vectors at `fraction` (0 to 1) of the way: places linearly, rotations by slerp, on the branch of the two ends."""
+    """Pose vectors at `fraction` (0 to 1) of the way: places linearly, rotations by slerp on the branch of both ends."""
     weight = fraction[:, None]
     straight = (1 - weight) * first + weight * second
     joints = first[:, 3:].reshape(len(first), -1, 3)

@@ -20,9 +20,9 @@ from poseloom.skeleton.skeleton import Skeleton
 def retarget(motion: Motion, size: Skeleton | Literal["keep"] = "keep") -> Motion:
     """The motion on the body, with the direction of every limb and spine bone as in the source and the floor at y = 0.
 
-    A body bone turns with its source joint (`families`): `R_world_bone = R_world_joint @ R_joint_bone`, where the constant
-    `R_joint_bone` lays the body's T-pose over the source's rest pose with the smallest turn of each bone. Only the root's
-    place depends on `size`; all rotations are the same.
+    A body bone turns with its source joint (`families`): `R_world_bone = R_world_joint @ R_joint_bone`, where the
+    constant `R_joint_bone` lays the body's T-pose over the source's rest pose with the smallest turn of each bone. Only
+    the root's place depends on `size`; all rotations are the same.
 
     Args:
         motion: A motion of a skeleton of one of the known families, Y up, metres.
