@@ -39,7 +39,7 @@ def geodesic_angle(first: Floats[Array, "*#batch 4"], second: Floats[Array, "*#b
     The sine of the half angle serves, not only the cosine: near zero the latter has no digits left.
     """
     difference = quat_multiply(quat_conjugate(first), second)
-    return 2 * np.arctan2(np.linalg.norm(difference[..., 1:], axis=-1), np.abs(difference[..., 0]))
+    return np.asarray(2 * np.arctan2(np.linalg.norm(difference[..., 1:], axis=-1), np.abs(difference[..., 0])))
 
 
 def slerp(

@@ -43,7 +43,7 @@ def resample(motion: Motion, rate: float) -> Motion:
 def interpolate_pose_vectors(
     first: Floats[Array, "frames dofs"], second: Floats[Array, "frames dofs"], fraction: Floats[Array, "frames"]
 ) -> Floats[Array, "frames dofs"]:
-    """Pose vectors at `fraction` (0 to 1) of the way: places linearly, rotations by slerp on the branch of both ends."""
+    """Pose vectors at `fraction` (0 to 1) of the way: places linearly, rotations by slerp, on the ends' branch."""
     weight = fraction[:, None]
     straight = (1 - weight) * first + weight * second
     joints = first[:, 3:].reshape(len(first), -1, 3)
