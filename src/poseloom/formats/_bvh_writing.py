@@ -1,5 +1,6 @@
 """The writer of BVH; its reader stands in `bvh`."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +17,19 @@ def write_bvh(motion: Motion, path: Path, metres_per_unit: float = 0.01, order: 
     """Writes a motion as BVH, whole or not at all.
 
     Args:
-        motion: Angles become Euler angles in degrees, six decimals, continuous in time; a joint with displacements gets
-            position channels too.
+        motion: Angles become Euler angles in degrees, continuous in time; a joint with displacements gets position
+            channels too. Places are exact to 5e-9 m, angles to 5e-7 degrees.
         path: Where to.
         metres_per_unit: The file's unit of length; centimetres is what most programs expect.
         order: In which order the turns are multiplied and listed.
 
     Raises:
-        FormatError: where the file cannot be written, a joint's name cannot stand in it, or the order is not three
-            different axes.
+        FormatError: where the file cannot be written, a joint's name cannot stand in it, the unit is not positive, or
+            the order is not three different axes.
     """
     _check_names(motion.skeleton, path)
+    if not (math.isfinite(metres_per_unit) and metres_per_unit > 0):
+        raise FormatError(f"the unit of length is {metres_per_unit:g} m", remedy="Give a positive number")
     if sorted(order) != ["X", "Y", "Z"]:
         raise FormatError(f"the order of rotations {order!r} is not three different axes", remedy="Use for example ZXY")
     moved = _moving_joints(motion)
@@ -34,8 +37,9 @@ def write_bvh(motion: Motion, path: Path, metres_per_unit: float = 0.01, order: 
     lines = ["HIERARCHY", *_hierarchy_lines(motion.skeleton, order_of_joints, moved, metres_per_unit, order)]
     lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1 / motion.rate!r}"]
     # Adding zero turns -0 into 0 after the rounding that could make one.
-    columns = np.round(_columns(motion, order_of_joints, moved, metres_per_unit, order), 6) + 0.0
-    pattern = " ".join(["%.6f"] * columns.shape[1])
+    figures = max(6, math.ceil(8 + math.log10(metres_per_unit)))
+    columns = np.round(_columns(motion, order_of_joints, moved, metres_per_unit, order), figures) + 0.0
+    pattern = " ".join([f"%.{figures}f"] * columns.shape[1])
     lines += [pattern % tuple(row) for row in columns.tolist()]
     write_bytes(path, ("\n".join(lines) + "\n").encode())
 

@@ -31,8 +31,9 @@ _FRAME_TIME = re.compile(rb"^Frame\s+Time\s*:?\s*(\S+)$", re.IGNORECASE)
 
 _REACH = 1.05
 """Metres from an adult's root along the bones to the farthest joint: down a leg, or up the trunk and out an arm."""
-_UNITS = (1.0, 0.0254 / 0.45, 0.0254, 0.01, 0.001)
-"""Units in use: metres, CMU's 0.45 scaled inches, inches, centimetres, millimetres."""
+_UNITS = {1.0: 2.8, 0.01: 2.8, 0.001: 2.8, 0.0254 / 0.45: 1.6, 0.0254: 1.6}
+"""Units in use (metres, centimetres, millimetres, CMU's 0.45 scaled inches, inches), and by which factor a skeleton may
+be larger or smaller than an adult to be taken for one in that unit: a toddler or a toy is likelier in a metric one."""
 
 
 def read_bvh(path: Path, metres_per_unit: float | None = None) -> Motion:
@@ -46,6 +47,8 @@ def read_bvh(path: Path, metres_per_unit: float | None = None) -> Motion:
         FormatError: with the line, for a file that is not BVH, is cut off, or holds values that are no numbers.
         SkeletonError: for joints that share a name.
     """
+    if metres_per_unit is not None and not (math.isfinite(metres_per_unit) and metres_per_unit > 0):
+        raise FormatError(f"the unit of length is {metres_per_unit:g} m", remedy="Give a positive number", file=path)
     content = read_bytes(path)
     if b"\n" not in content:
         content = content.replace(b"\r", b"\n")
@@ -63,9 +66,12 @@ def read_bvh(path: Path, metres_per_unit: float | None = None) -> Motion:
         raise FormatError(
             "there is no MOTION section", cause="the file is cut off", remedy="Export it again", file=path
         )
+    columns = sum(len(joint.channels) for joint in joints)
+    if columns == 0:
+        raise FormatError("no joint has any channels, so nothing moves", remedy="Export it with its motion", file=path)
     line = content.count(b"\n", 0, mark.start()) + 2
     frames, rate, body, line = _motion_header(content, mark.end() + 1, line, path)
-    values = _values(scan(body, line), frames, sum(len(joint.channels) for joint in joints), line, path)
+    values = _values(scan(body, line), frames, columns, line, path)
     scale = guess_metres_per_unit(joints) if metres_per_unit is None else metres_per_unit
     try:
         return _motion(joints, values, rate, scale, path.stem)
@@ -77,7 +83,7 @@ def guess_metres_per_unit(joints: list[BvhJoint]) -> float:
     """The unit of length in which a hierarchy is as large as a person; centimetres where it is so in none.
 
     The measure is the longest way along the bones, which no rest pose changes. Of the units in use the one that brings
-    it nearest to an adult's is taken, so that people from about 1.1 m in size are told right.
+    it nearest to an adult's is taken; people of 1.2 m and more are told right in any.
     """
     reach = np.zeros(len(joints))
     for index, (joint, place) in enumerate(zip(joints, _places(joints), strict=True)):
@@ -86,8 +92,9 @@ def guess_metres_per_unit(joints: list[BvhJoint]) -> float:
     longest = float(reach.max())
     if longest <= 0:
         return 0.01
-    unit = min(_UNITS, key=lambda unit: abs(math.log(longest * unit / _REACH)))
-    return unit if 0.4 < longest * unit / _REACH < 2.5 else 0.01
+    misfits = {unit: abs(math.log(longest * unit / _REACH)) for unit in _UNITS}
+    fitting = [unit for unit, misfit in misfits.items() if misfit < math.log(_UNITS[unit])]
+    return min(fitting, key=lambda unit: misfits[unit], default=0.01)
 
 
 def _motion_header(content: bytes, start: int, line: int, path: Path) -> tuple[int, float, bytes, int]:

@@ -74,7 +74,7 @@ class DeepMimicMotion(NamedTuple):
 def deepmimic_skeleton() -> Skeleton:
     """The humanoid: arms hang at rest, it faces +Z, metres."""
     names = ["root", *(joint.name for joint in _JOINTS)]
-    still, hinge = (True, True, True), (False, True, True)
+    still, hinge = np.array([True, True, True]), np.array([False, True, True])
     return make_skeleton(
         names,
         [-1, *(names.index(joint.parent) for joint in _JOINTS)],

@@ -36,6 +36,13 @@ def read_expmap(path: Path, skeleton: Path | None = None) -> Motion:
         SkeletonError: for an impossible hierarchy.
     """
     content = read_bytes(path)
+    if b"," not in content:
+        raise FormatError(
+            "this is no table of exponential maps",
+            cause="there are no commas in it",
+            remedy="Give a file with one line a frame, values separated by commas",
+            file=path,
+        )
     tokens = scan(content)
     wrong = np.flatnonzero(~np.isfinite(tokens.values))
     if wrong.size:

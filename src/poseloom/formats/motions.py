@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from poseloom.errors import FormatError
@@ -9,6 +10,15 @@ from poseloom.formats._files import read_bytes
 from poseloom.skeleton.motion import Motion
 
 _HEAD = 4096
+
+
+@dataclass(frozen=True)
+class _Options:
+    """What some kinds of files do not say themselves; see `read_motions`."""
+
+    skeleton: Path | None = None
+    metres_per_unit: float | None = None
+    rate: float | None = None
 
 
 def motion_suffixes() -> tuple[str, ...]:
@@ -46,37 +56,47 @@ def is_motion_file(path: Path) -> bool:
     return False
 
 
-def read_motions(path: Path, skeleton: Path | None = None) -> list[Motion]:
+def read_motions(
+    path: Path, skeleton: Path | None = None, *, metres_per_unit: float | None = None, rate: float | None = None
+) -> list[Motion]:
     """All motions of a file, in metres, Y up, named after the file. Nothing is dropped or smoothed.
 
     Args:
         path: A BVH, AMC, exponential-map, DeepMimic or NPZ file.
         skeleton: The file that holds the skeleton, for the kinds that keep it apart (AMC, exponential maps), where it
             does not stand beside the motion.
+        metres_per_unit: The unit of length of a BVH file, where its guess from the skeleton's size would be wrong.
+        rate: Frames a second of an AMC file, where they are not 120.
 
     Raises:
-        FormatError: for a file of an unknown kind, a damaged one, or one whose skeleton is missing.
+        FormatError: for a file of an unknown kind, a damaged one, one whose skeleton is missing, a folder, or an
+            argument that has no meaning for this kind.
         SkeletonError: for an impossible hierarchy.
     """
     path = Path(path)
+    if path.is_dir():
+        raise FormatError("this is a folder, not a file", remedy="Name one motion file in it", file=path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
+        alone = path.suffix.lower() == ".asf"
         raise FormatError(
-            f"files of kind {path.suffix.lower() or 'without suffix'} hold no motion that poseloom reads",
-            cause="a skeleton needs its motion" if path.suffix.lower() == ".asf" else "",
-            remedy="Name the .amc file" if path.suffix.lower() == ".asf" else f"Use one of: {', '.join(_READERS)}",
+            f"{_kind(path)} hold no motion that poseloom reads",
+            cause="an ASF file holds a skeleton only" if alone else "",
+            remedy="Name the AMC file that moves it" if alone else f"Use one of: {', '.join(_READERS)}",
             file=path,
         )
-    return [reader(path, skeleton)]
+    return [reader(path, _Options(skeleton, metres_per_unit, rate))]
 
 
-def read_motion(path: Path, skeleton: Path | None = None) -> Motion:
+def read_motion(
+    path: Path, skeleton: Path | None = None, *, metres_per_unit: float | None = None, rate: float | None = None
+) -> Motion:
     """The one motion of a file; see `read_motions`.
 
     Raises:
         FormatError: also where there are several.
     """
-    motions = read_motions(path, skeleton)
+    motions = read_motions(path, skeleton, metres_per_unit=metres_per_unit, rate=rate)
     if len(motions) != 1:
         raise FormatError(
             f"this file holds {len(motions)} motions, not one", remedy="Use a file with one motion", file=path
@@ -94,7 +114,7 @@ def write_motion(motion: Motion, path: Path) -> None:
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise FormatError(
-            f"poseloom does not write files of kind {path.suffix.lower() or 'without suffix'}",
+            f"poseloom does not write {_kind(path)}",
             remedy=f"Use one of: {', '.join(_WRITERS)}",
             file=path,
         )
@@ -105,59 +125,71 @@ def format_name(path: Path) -> str:
     """What a person calls the kind of a motion file; empty where it is unknown."""
     suffix = path.suffix.lower()
     if suffix in (".txt", ".csv", ".json"):
-        return "DeepMimic JSON" if _is_json(path) else "exponential maps"
+        return "DeepMimic JSON" if _is_json(path) else "exponential-map CSV"
     return {".bvh": "BVH", ".amc": "ASF/AMC", ".npz": "NPZ", ".glb": "GLB"}.get(suffix, "")
 
 
+def _kind(path: Path) -> str:
+    return f"files of kind {path.suffix.lower()}" if path.suffix else "files without suffix"
+
+
 def _is_json(path: Path) -> bool:
-    return read_bytes(path)[:_HEAD].lstrip().startswith(b"{")
+    return path.suffix.lower() == ".json" or read_bytes(path)[:_HEAD].lstrip().startswith(b"{")
 
 
 def _is_number(field: bytes) -> bool:
     try:
-        json.loads(field)
+        return isinstance(json.loads(field), int | float)
     except ValueError:
         return False
-    return True
 
 
 # Readers and writers are imported when needed: a command that reads one kind should not wait for the others.
 
 
-def _read_bvh(path: Path, skeleton: Path | None) -> Motion:
+def _read_bvh(path: Path, options: _Options) -> Motion:
     from poseloom.formats.bvh import read_bvh
 
-    _refuse(path, skeleton)
-    return read_bvh(path)
+    _refuse(path, skeleton=options.skeleton, rate=options.rate)
+    return read_bvh(path, options.metres_per_unit)
 
 
-def _read_amc(path: Path, skeleton: Path | None) -> Motion:
-    from poseloom.formats.asf_amc import read_amc
+def _read_amc(path: Path, options: _Options) -> Motion:
+    from poseloom.formats.asf_amc import RATE, read_amc
 
-    return read_amc(path, skeleton)
+    _refuse(path, metres_per_unit=options.metres_per_unit)
+    return read_amc(path, options.skeleton, RATE if options.rate is None else options.rate)
 
 
-def _read_table(path: Path, skeleton: Path | None) -> Motion:
+def _read_table(path: Path, options: _Options) -> Motion:
+    _refuse(path, metres_per_unit=options.metres_per_unit, rate=options.rate)
     if _is_json(path):
         from poseloom.formats.deepmimic import read_deepmimic
 
-        _refuse(path, skeleton)
+        _refuse(path, skeleton=options.skeleton)
         return read_deepmimic(path).motion
     from poseloom.formats.expmap_csv import read_expmap
 
-    return read_expmap(path, skeleton)
+    return read_expmap(path, options.skeleton)
 
 
-def _read_npz(path: Path, skeleton: Path | None) -> Motion:
+def _read_npz(path: Path, options: _Options) -> Motion:
     from poseloom.formats.npz import read_npz
 
-    _refuse(path, skeleton)
+    _refuse(path, skeleton=options.skeleton, metres_per_unit=options.metres_per_unit, rate=options.rate)
     return read_npz(path)
 
 
-def _refuse(path: Path, skeleton: Path | None) -> None:
-    if skeleton is not None:
-        raise FormatError("this file holds its own skeleton", remedy=f"Leave out {skeleton.name}", file=path)
+def _refuse(path: Path, **given: object) -> None:
+    """Raises where something was given that files of this kind say themselves: it must not be ignored in silence."""
+    words = {"skeleton": "skeleton", "metres_per_unit": "unit of length", "rate": "rate"}
+    for name, value in given.items():
+        if value is not None:
+            raise FormatError(
+                f"a {words[name]} was given, but files of kind {path.suffix.lower()} state their own",
+                remedy=f"Leave the {words[name]} out",
+                file=path,
+            )
 
 
 def _write_bvh(motion: Motion, path: Path) -> None:
@@ -178,7 +210,7 @@ def _write_npz(motion: Motion, path: Path) -> None:
     write_npz(motion, path)
 
 
-_READERS: dict[str, Callable[[Path, Path | None], Motion]] = {
+_READERS: dict[str, Callable[[Path, _Options], Motion]] = {
     ".bvh": _read_bvh,
     ".amc": _read_amc,
     ".txt": _read_table,

@@ -5,7 +5,7 @@ import numpy as np
 from poseloom.rotations import geodesic_angle, quat_from_rotvec
 from poseloom.skeleton.motion import Motion
 
-_JUMP = np.deg2rad(8.0)
+_JUMP = float(np.deg2rad(8.0))
 _TIMES = 4.0
 _FOLLOWING = 12
 _STILL = 1e-6

@@ -80,9 +80,11 @@ def nearest_branch(
 def unwrap_rotvec(rotvec: Floats[Array, "frames *batch 3"]) -> Floats[Array, "frames *batch 3"]:
     """A time series in which each rotation vector is on the branch nearest to the frame before."""
     out = np.array(rotvec, dtype=np.float64)
+    if len(out) < 2:
+        return out
     # A branch can change only where the angle comes near half a turn; elsewhere the input stands.
     risky = np.flatnonzero(
-        (np.linalg.norm(np.diff(out, axis=0), axis=-1) > 0.9 * np.pi).reshape(max(len(out) - 1, 0), -1).any(axis=1)
+        (np.linalg.norm(np.diff(out, axis=0), axis=-1) > 0.9 * np.pi).reshape(len(out) - 1, -1).any(axis=1)
     )
     if risky.size == 0:
         return out
