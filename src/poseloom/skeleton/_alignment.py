@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from poseloom.arrays import Array, Floats, Ints
-from poseloom.rotations import aligning_matrix, geodesic_angle, matrix_from_rotvec, quat_from_matrix
+from poseloom.rotations import aligning_matrix, matrix_from_rotvec
 from poseloom.skeleton._family import Family, plain_name
 from poseloom.skeleton.body import BODY_BONES, average_body
 from poseloom.skeleton.skeleton import Skeleton
@@ -40,7 +40,7 @@ _CARRIED: Mapping[str, str] = {
 """Bones whose frame at rest is carried along from the bone before; the others start from the way the body faces."""
 
 _SNAP = np.radians(15.0)
-"""A rest pose that faces an axis of the world to within this is meant to: people's hips and shoulders are uneven."""
+"""A rest pose that stands along, or faces, an axis of the world to within this is meant to: people are uneven."""
 
 _POINT = 1e-6
 """Metres below which a bone has no direction."""
@@ -155,17 +155,17 @@ def _facing(rest: _Rest) -> Floats[Array, "3 3"]:
         return left, right
 
     (left_hip, right_hip), (left_arm, right_arm) = places("UpperLeg"), places("UpperArm")
-    up = left_arm + right_arm - left_hip - right_hip
-    up = up / np.linalg.norm(up)
+    up = _snapped(left_arm + right_arm - left_hip - right_hip)
     left = left_hip - right_hip + left_arm - right_arm
-    left = left - (left @ up) * up
-    left = left / np.linalg.norm(left)
-    measured = np.stack([left, up, np.cross(left, up)], axis=1)
-    snapped = np.rint(measured)
-    proper = np.allclose(snapped @ snapped.T, np.eye(3)) and np.linalg.det(snapped) > 0
-    if proper and float(geodesic_angle(quat_from_matrix(measured), quat_from_matrix(snapped))) < _SNAP:
-        return snapped
-    return measured
+    left = _snapped(left - (left @ up) * up)
+    return np.stack([left, up, np.cross(left, up)], axis=1)
+
+
+def _snapped(direction: Floats[Array, "3"]) -> Floats[Array, "3"]:
+    """The axis of the world that a direction is meant to have, or the direction itself, as a unit vector."""
+    unit = direction / np.linalg.norm(direction)
+    largest = int(np.argmax(np.abs(unit)))
+    return np.sign(unit[largest]) * np.eye(3)[largest] if abs(unit[largest]) > np.cos(_SNAP) else unit
 
 
 def _starts(rest: _Rest, facing: Floats[Array, "3 3"]) -> dict[str, Floats[Array, "3"]]:
@@ -228,6 +228,7 @@ def _bone_frames(
     """The bones' frames in the rest pose: turned as little as possible from the T-pose onto the source's bones."""
     body = average_body()
     plain = {"hips": facing}
+    rolls: dict[str, Floats[Array, "3 3"]] = {}
     for i, bone in enumerate(BODY_BONES[1:], start=1):
         base = plain[_CARRIED[bone]] if bone in _CARRIED else facing
         way = None if bone in _AS_FACING else _direction(rest, starts, bone)
@@ -236,8 +237,10 @@ def _bone_frames(
         elif rest.turn(bone) is None and bone not in _AS_FACING:
             base = plain[BODY_BONES[int(body.parents[i])]]
         plain[bone] = base
-    rolls = {bone: np.array([np.radians(angle), 0.0, 0.0]) for bone, angle in rest.family.rolls.items()}
-    return {bone: frame @ matrix_from_rotvec(rolls.get(bone, np.zeros(3))) for bone, frame in plain.items()}
+        if way is None or "Arm" in bone:  # a roll must not turn a bone away from its direction
+            angle = np.radians(rest.family.rolls.get(bone, 0.0))
+            rolls[bone] = matrix_from_rotvec(np.array([angle, 0.0, 0.0]))
+    return {bone: frame @ rolls.get(bone, np.eye(3)) for bone, frame in plain.items()}
 
 
 def _direction(rest: _Rest, starts: Mapping[str, Floats[Array, "3"]], bone: str) -> Floats[Array, "3"] | None:
