@@ -1,0 +1,140 @@
+"""The library's list of clips, and of what it could not take in, kept in one sqlite file."""
+
+import enum
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from poseloom.errors import LibraryError
+
+CATALOGUE_FILE = "catalogue.sqlite"
+
+_SCHEMA = """
+CREATE TABLE clips (
+    id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, take TEXT NOT NULL, subject TEXT NOT NULL, source TEXT NOT NULL,
+    digest TEXT NOT NULL, start INTEGER NOT NULL, stop INTEGER NOT NULL, mirrored INTEGER NOT NULL,
+    source_rate REAL NOT NULL, family TEXT NOT NULL, licence TEXT NOT NULL, tags TEXT NOT NULL
+);
+CREATE TABLE skipped (source TEXT NOT NULL, kind TEXT NOT NULL, reason TEXT NOT NULL);
+"""
+_CLIP_COLUMNS = "id, name, take, subject, source, digest, start, stop, mirrored, source_rate, family, licence, tags"
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One continuous stretch of the library's poses.
+
+    Attributes:
+        id: Place among the library's clips, from 0.
+        name: Unique name: the source without its suffix; mirror images end in `~mirror`.
+        take: The recorded take it belongs to: name of the take's first clip. A mirror image, a copy in another format
+            and clips that overlap in time share it.
+        subject: Who moves, as far as names tell.
+        source: The file, from the name of the folder that was given on, or `samples/...`.
+        digest: SHA-256 of the file.
+        start: First row of the poses.
+        stop: Row after the last.
+        mirrored: Whether it is the mirror image of what the file holds.
+        source_rate: Frames a second in the file.
+        family: To which family of skeletons the file's belongs, by the names of its joints.
+        licence: Under what terms the source is, as far as stated beside it.
+        tags: Words for what happens in it.
+    """
+
+    id: int
+    name: str
+    take: str
+    subject: str
+    source: str
+    digest: str
+    start: int
+    stop: int
+    mirrored: bool
+    source_rate: float
+    family: str
+    licence: str
+    tags: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    @property
+    def rows(self) -> slice:
+        """Its rows among the library's poses."""
+        return slice(self.start, self.stop)
+
+
+class SkipKind(enum.StrEnum):
+    """Why a file, or a motion in it, is not in the library."""
+
+    UNREADABLE = "unreadable"
+    SHORT = "too short"
+    KNOWN = "already held"
+    COMPANION = "companion"
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A file or motion that is not in the library.
+
+    Attributes:
+        source: The file, from the name of the folder that was given on.
+        kind: What sort of trouble.
+        reason: What was wrong, for a person.
+    """
+
+    source: str
+    kind: SkipKind
+    reason: str
+
+
+def write_catalogue(path: Path, clips: Iterable[Clip], skipped: Iterable[Skipped]) -> None:
+    """Writes a new catalogue; the same entries give the same bytes."""
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.executescript(_SCHEMA)
+        connection.executemany(
+            f"INSERT INTO clips ({_CLIP_COLUMNS}) VALUES ({', '.join('?' * len(fields(Clip)))})",
+            (
+                tuple(" ".join(value) if isinstance(value, tuple) else value for value in astuple(clip))
+                for clip in clips
+            ),
+        )
+        connection.executemany(
+            "INSERT INTO skipped (source, kind, reason) VALUES (?, ?, ?)",
+            ((s.source, s.kind.value, s.reason) for s in skipped),
+        )
+
+
+def _clip(row: tuple[Any, ...]) -> Clip:
+    id, name, take, subject, source, digest, start, stop, mirrored, rate, family, licence, tags = row
+    return Clip(
+        id, name, take, subject, source, digest, start, stop, bool(mirrored), rate, family, licence, tuple(tags.split())
+    )
+
+
+def read_catalogue(path: Path) -> tuple[tuple[Clip, ...], tuple[Skipped, ...]]:
+    """Clips in the order of their rows, and what was skipped.
+
+    Raises:
+        LibraryError: if the file is no catalogue.
+    """
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as connection:
+            clips = tuple(_clip(row) for row in connection.execute(f"SELECT {_CLIP_COLUMNS} FROM clips ORDER BY id"))
+            skipped = tuple(
+                Skipped(source, SkipKind(kind), reason)
+                for source, kind, reason in connection.execute(
+                    "SELECT source, kind, reason FROM skipped ORDER BY rowid"
+                )
+            )
+    except (sqlite3.Error, ValueError, TypeError, AttributeError) as error:
+        raise LibraryError(
+            "the library's catalogue cannot be read",
+            cause=str(error),
+            remedy="Build the library again",
+            file=path,
+        ) from None
+    return clips, skipped

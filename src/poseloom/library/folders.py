@@ -1,0 +1,106 @@
+"""Folders that appear whole or not at all, and the right to write to one."""
+
+import os
+import shutil
+import sqlite3
+from collections.abc import Generator, Iterable
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+from poseloom.errors import LibraryError
+
+LOCK_FILE = ".lock"
+
+_GENERATION = "generation-"
+
+
+def to_disk(path: Path) -> None:
+    """Forces a file, or a folder's list of files, to the disk (folders: where the system can)."""
+    if path.is_dir() and os.name == "nt":
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def writing(folder: Path) -> Generator[None, None, None]:
+    """Holds the right to write into a folder; it falls back when the process ends, however it ends.
+
+    Raises:
+        LibraryError: if another process holds it.
+    """
+    # sqlite locks its file on every system; a transaction that changes nothing leaves nothing behind.
+    with closing(sqlite3.connect(folder / LOCK_FILE, timeout=0, isolation_level=None)) as connection:
+        try:
+            connection.execute("BEGIN EXCLUSIVE")
+        except sqlite3.OperationalError:
+            raise LibraryError(
+                "another process is writing to this library", remedy="Wait until it has ended", file=folder
+            ) from None
+        yield
+
+
+@contextmanager
+def new_folder(target: Path) -> Generator[Path, None, None]:
+    """A hidden folder beside the target that takes the target's place when the block ends well, else is removed.
+
+    Folders that killed builds of the same target have left are removed first. The target must not exist, or be an empty
+    folder.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    prefix = f".{target.name}.building-"
+    for old in target.parent.glob(f"{prefix}*"):
+        _remove_if_abandoned(old)
+    part = target.with_name(f"{prefix}{os.getpid()}-{os.urandom(3).hex()}")
+    part.mkdir()
+    try:
+        with writing(part):
+            yield part
+            part.rename(target)
+        to_disk(target.parent)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+
+
+def _remove_if_abandoned(folder: Path) -> None:
+    if not (folder / LOCK_FILE).exists():
+        return
+    try:
+        with writing(folder):
+            pass
+    except LibraryError:
+        return
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def new_generation(folder: Path) -> Generator[Path, None, None]:
+    """A new folder for a generation's files; removed if the block raises, else left for `write_header` to name."""
+    numbers = [
+        int(tail) for tail in (path.name.removeprefix(_GENERATION) for path in generations(folder)) if tail.isdigit()
+    ]
+    generation = folder / f"{_GENERATION}{max(numbers, default=0) + 1}"
+    generation.mkdir()
+    try:
+        yield generation
+    except BaseException:
+        shutil.rmtree(generation, ignore_errors=True)
+        raise
+
+
+def generations(folder: Path) -> Iterable[Path]:
+    """All generations that lie in a library, in use or not."""
+    return sorted(folder.glob(f"{_GENERATION}*"))
+
+
+def remove_other_generations(folder: Path, kept: str) -> None:
+    """Removes what killed writers have left and what no header names any more. Files open elsewhere live on."""
+    for path in generations(folder):
+        if path.name != kept:
+            shutil.rmtree(path, ignore_errors=True)
+    for part in folder.glob(".part-*"):
+        part.unlink(missing_ok=True)
