@@ -194,6 +194,17 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
 )
 """All metrics of one sequence, by name, in the order of tables."""
 
+METRIC_LABELS: Mapping[str, str] = MappingProxyType(
+    {name: metric.label for name, metric in METRICS.items()}
+    | {
+        "look_ahead_ms": "look-ahead, ms",
+        "step_ms_p50": "compute per step p50, ms",
+        "step_ms_p95": "compute per step p95, ms",
+        "step_ms_p99": "compute per step p99, ms",
+    }
+)
+"""What tables call the metrics and the parts of the latency."""
+
 
 def _moving_axes() -> Bools[Array, "joints 3"]:
     return moving_dofs()[3:].reshape(-1, 3)

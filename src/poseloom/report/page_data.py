@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Bools, Floats, Ints
 from poseloom.evaluation import profiles
-from poseloom.evaluation.metrics import METRICS
+from poseloom.evaluation.metrics import METRIC_LABELS
 from poseloom.evaluation.results import MethodResult, SequenceResult, mean_over_sequences, truth_of
 from poseloom.report.mannequin import limbs
 from poseloom.skeleton.body import BODY_BONES, moving_dofs
@@ -31,13 +31,6 @@ _MEASURES = (
     {"key": "angle", "label": "joint angle", "unit": "°", "metric": "joint_angle_deg"},
     {"key": "position", "label": "joint position", "unit": "cm", "metric": "joint_position_cm"},
     {"key": "direction", "label": "bone direction", "unit": "°", "metric": "global_rotation_deg"},
-)
-
-_LATENCY_LABELS = (
-    ("look_ahead_ms", "look-ahead, ms"),
-    ("step_ms_p50", "compute per step p50, ms"),
-    ("step_ms_p95", "compute per step p95, ms"),
-    ("step_ms_p99", "compute per step p99, ms"),
 )
 
 
@@ -78,11 +71,9 @@ def method_colour(index: int) -> str:
 
 
 def _metric_labels() -> list[dict[str, Any]]:
-    labels = [
-        {"name": metric.name, "label": metric.label, "shared": metric.name.startswith("truth_")}
-        for metric in METRICS.values()
+    return [
+        {"name": name, "label": label, "shared": name.startswith("truth_")} for name, label in METRIC_LABELS.items()
     ]
-    return labels + [{"name": name, "label": label, "shared": False} for name, label in _LATENCY_LABELS]
 
 
 def _joints_from_head_to_foot() -> list[str]:
