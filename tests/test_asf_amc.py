@@ -1,4 +1,4 @@
-"""ASF/AMC: units, axes and section orders against an oracle, the same recordings in two formats, and errors with lines."""
+"""ASF/AMC: units, axes and orders against an oracle, the same recordings in two formats, and errors with lines."""
 
 import itertools
 import random
@@ -347,9 +347,7 @@ def test_damaged_bytes_read_or_tell_why(tmp_path):
         content = texts[rng.randrange(2)]
         for _ in range(rng.randint(1, 4)):
             at = rng.randrange(len(content))
-            content[at : at + rng.choice([0, 1, 5, 40])] = bytes(
-                rng.randrange(256) for _ in range(rng.choice([0, 1, 3]))
-            )
+            content[at : at + rng.choice([0, 1, 5, 40])] = rng.randbytes(rng.choice([0, 1, 3]))
         (tmp_path / "take.asf").write_bytes(texts[0])
         (tmp_path / "take.amc").write_bytes(texts[1])
         try:

@@ -1,4 +1,4 @@
-"""GLB: read again with pygltflib and moved by hand, its animation is the motion and its body a closed surface around it."""
+"""GLB: read with pygltflib and moved by hand, its animation is the motion and its body a closed surface around it."""
 
 import json
 import struct
@@ -174,7 +174,7 @@ def test_skeletons_that_are_no_person(tmp_path):
 
 
 def test_the_container(tmp_path):
-    """Magic, version, length and aligned chunks, as glTF 2.0, section 4.4 has them; no field that a viewer must guess."""
+    """Magic, version, length and aligned chunks, as glTF 2.0 has them in section 4.4; no empty field."""
     write_glb(lively(average_body()), tmp_path / "motion.glb")
     content = (tmp_path / "motion.glb").read_bytes()
     magic, version, length, size, kind = struct.unpack("<4sIII4s", content[:20])
