@@ -43,7 +43,12 @@ def slower(motion: Motion) -> Motion:
 
 def short(name: str, seconds: float = 0.8) -> Motion:
     motion = sample_motions()[name]
-    return motion.cut(0, round(seconds * motion.rate))
+    return motion.cut(0, round(seconds * motion.rate) + 1)
+
+
+def short_case(library: MotionLibrary, name: str, conditions: Conditions, seconds: float = 0.8) -> Case:
+    digest = library.clip(f"samples/{name}").digest
+    return case_of_motion(short(name, seconds), conditions, name, digest)
 
 
 def names(library: MotionLibrary, forbidden: LeftOut) -> set[str]:
@@ -85,9 +90,16 @@ def test_nothing_is_left_out_where_the_split_says_so_or_the_library_does_not_hol
     assert allowed_poses(library, LeftOut()) is None
 
 
+def test_what_is_too_short_to_be_known_again_is_refused(library: MotionLibrary) -> None:
+    case = case_of_motion(short("walk"), Conditions(), "brief")
+    with pytest.raises(PoseloomError, match="'brief' is too short to tell whether the library holds it"):
+        left_out(library, [case], Split.BY_SEQUENCE)
+    assert left_out(library, [case], Split.NONE) == (LeftOut(),)
+
+
 def test_the_figures_say_what_they_are_of(library: MotionLibrary) -> None:
     conditions = Conditions(seed=5)
-    cases = [case_of_motion(short(name), conditions, name) for name in ("walk", "run")]
+    cases = [short_case(library, name, conditions) for name in ("walk", "run")]
     told: list[tuple[str, int, int]] = []
     experiment = Experiment((LOCAL, IK), library.path, Split.BY_SEQUENCE, conditions)
     evaluation = evaluate(cases, experiment, lambda *step: told.append(step))
@@ -112,7 +124,7 @@ def test_the_figures_say_what_they_are_of(library: MotionLibrary) -> None:
 
 def test_a_run_is_repeatable_in_any_number_of_processes(library: MotionLibrary) -> None:
     conditions = Conditions()
-    cases = [case_of_motion(short(name, 0.6), conditions, name) for name in ("walk", "jump")]
+    cases = [short_case(library, name, conditions, 0.6) for name in ("walk", "jump")]
     found = [
         evaluate(cases, Experiment((LOCAL, IK), library.path, Split.BY_SEQUENCE, conditions, workers))
         for workers in (1, 2)
@@ -170,9 +182,9 @@ def test_what_cannot_be_evaluated_is_told(tmp_path: Path) -> None:
 def test_the_command_leaves_rows_and_a_report(
     library: MotionLibrary, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    recording = simulate_trackers(short("jump"), layout("six-trackers"), seed=3)
+    recording = simulate_trackers(short("jump", 1.1), layout("six-trackers"), seed=3)
     write_recording(recording, tmp_path / "jump.mcap")
-    write_motion(short("punch"), tmp_path / "punch.bvh")
+    write_motion(short("punch", 1.1), tmp_path / "punch.bvh")
     given = [str(tmp_path / "jump.mcap"), str(tmp_path / "punch.bvh")]
     outputs = ["--json", str(tmp_path / "rows.json"), "--report", str(tmp_path / "report.html")]
     methods = ["-m", LOCAL, "-m", IK]

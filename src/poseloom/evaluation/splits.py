@@ -7,15 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats32
-from poseloom.errors import unknown_name
+from poseloom.errors import PoseloomError, unknown_name
 from poseloom.evaluation.cases import Case
 from poseloom.library import MotionLibrary
 from poseloom.library.postures import postures
-from poseloom.library.takes import CopyFinder
+from poseloom.library.takes import CopyCriteria, CopyFinder
 from poseloom.skeleton.body import average_body
-from poseloom.skeleton.motion import Motion
 from poseloom.skeleton.resample import resample
 from poseloom.skeleton.retarget import retarget
+
+
+_LEAST_WINDOWS = 1.1
+"""Lengths of a compared window that a motion must have: windows are rounded to whole frames."""
 
 
 class Split(enum.StrEnum):
@@ -63,6 +66,9 @@ def left_out(
         cases: What is to be evaluated.
         split: How much is left out.
         progress: Told how many of how many are done.
+
+    Raises:
+        PoseloomError: for a case of an unknown file that is too short to be compared.
     """
     if split is Split.NONE:
         return tuple(LeftOut() for _ in cases)
@@ -75,8 +81,7 @@ def left_out(
     for done, case in enumerate(cases, 1):
         takes = set(takes_of_file.get(case.digest, ()))
         if finder is not None and not takes:
-            places = _postures(case.truth, library.rate)
-            takes = {finder.clips[index].take for index in finder.holders(places, family=case.family)}
+            takes = {finder.clips[index].take for index in finder.holders(_places(case, library), family=case.family)}
         found.append(_forbidden(library, takes, case.subject, split))
         if progress is not None:
             progress(done, len(cases))
@@ -88,8 +93,14 @@ def allowed_poses(library: MotionLibrary, forbidden: LeftOut) -> Bools[Array, "p
     return library.rows_excluding(forbidden.takes) if forbidden.takes else None
 
 
-def _postures(motion: Motion, rate: float) -> Floats32[Array, "poses coordinates"]:
-    on_average = resample(retarget(motion, average_body()), rate)
+def _places(case: Case, library: MotionLibrary) -> Floats32[Array, "poses coordinates"]:
+    if case.truth.duration < _LEAST_WINDOWS * CopyCriteria().seconds:
+        raise PoseloomError(
+            f"{case.name!r} is too short to tell whether the library holds it",
+            cause=f"it lasts {case.truth.duration:.2f} s, and movement is compared over {CopyCriteria().seconds:g} s",
+            remedy="Give the file that the library was built from, a longer motion, or --split none",
+        )
+    on_average = resample(retarget(case.truth, average_body()), library.rate)
     return postures(on_average.q.astype(np.float32))
 
 
