@@ -2,12 +2,13 @@
 
 import re
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
-from poseloom.arrays import Array, Bools, Floats
+from poseloom.arrays import Array, Bools, Floats, frozen_float
 from poseloom.errors import FormatError, PoseloomError, SkeletonError
 from poseloom.formats._files import decode, read_bytes
 from poseloom.rotations import matrix_from_euler
@@ -80,13 +81,20 @@ def read_asf(path: Path) -> AcclaimSkeleton:
             changes in motion, a turned root).
         SkeletonError: for a hierarchy that is cyclic, disconnected or names unknown bones.
     """
-    return _Reader(path).skeleton()
+    return _parse(read_bytes(path), path)
+
+
+@lru_cache(maxsize=8)
+def _parse(content: bytes, path: Path) -> AcclaimSkeleton:
+    # Hundreds of motions share one skeleton, which cannot be changed: the same bytes need be read but once.
+    return _Reader(content, path).skeleton()
 
 
 class _Reader:
     """One method a section; units are applied at the end, for they may come last."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, content: bytes, path: Path) -> None:
+        self._content = content
         self._path = path
         self._length = 1.0
         self._degrees = True
@@ -118,7 +126,7 @@ class _Reader:
         """Lines of each section as words, with their numbers; comments and documentation are left out."""
         sections: dict[str, list[tuple[int, list[str]]]] = {}
         current = ""
-        for line, text in enumerate(decode(read_bytes(self._path)).split("\n"), start=1):
+        for line, text in enumerate(decode(self._content).split("\n"), start=1):
             words = _NOISE.sub(" ", text.partition("#")[0]).split()
             if words and words[0].startswith(":"):
                 current = words[0][1:].lower()
@@ -235,7 +243,7 @@ class _Reader:
             {name: ends[name] for name in order if name not in self._children and ends[name].any()},
             {bone.name: _locked(bone) for bone in bones},
         )
-        return AcclaimSkeleton(skeleton, bones, self._position * scale, scale, self._degrees)
+        return AcclaimSkeleton(skeleton, bones, frozen_float(self._position * scale), scale, self._degrees)
 
     def _end(self, bone: _Bone) -> Floats[Array, "3"]:
         size = float(np.linalg.norm(bone.direction))
@@ -245,7 +253,7 @@ class _Reader:
         angles = np.deg2rad(bone.axis) if self._degrees else bone.axis
         # Turns about still axes, the first named first: the product stands in the opposite order.
         order = bone.axis_order[::-1]
-        return matrix_from_euler(angles[["XYZ".index(axis) for axis in order]], order)
+        return frozen_float(matrix_from_euler(angles[["XYZ".index(axis) for axis in order]], order))
 
     def _dofs(self, words: list[str], line: int) -> tuple[str, ...]:
         dofs = tuple(word.lower() for word in words)

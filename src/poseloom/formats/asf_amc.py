@@ -5,6 +5,7 @@ and M the product of the turns, its rotation relative to its parent and to the r
 skeleton file definition 1.10, and "Acclaim Format - ASF line details" of CMU's course notes.
 """
 
+import os
 import re
 from pathlib import Path
 
@@ -56,7 +57,8 @@ def find_asf(path: Path) -> Path:
     Raises:
         FormatError: where there is none, or several that could be meant.
     """
-    here = {file.stem.lower(): file for file in sorted(path.parent.glob("*")) if file.suffix.lower() == ".asf"}
+    files = sorted(name for name in os.listdir(path.parent) if name.lower().endswith(".asf"))
+    here = {Path(name).stem.lower(): path.parent / name for name in files}
     parts = path.stem.lower().split("_")
     for count in range(len(parts), 0, -1):
         if (name := "_".join(parts[:count])) in here:
@@ -195,10 +197,16 @@ def _motion(
         angles = np.deg2rad(angles)
     R_rest_axis = np.stack([bone.R_rest_axis for bone in acclaim.bones])
     # C exp(w) C^-1 = exp(C w).
-    rotvecs = np.einsum("jab,fjb->fja", R_rest_axis, rotvec_series_from_euler(angles, axes))
-    moves = np.einsum("jab,fjb->fja", R_rest_axis, moves)
+    rotvecs = _turned(R_rest_axis, rotvec_series_from_euler(angles, axes))
+    moves = _turned(R_rest_axis, moves)
     q = np.empty((frames, acclaim.skeleton.size))
     q[:, :3] = moves[:, 0] + acclaim.root_position
     q[:, 3:] = rotvecs.reshape(frames, -1)
     moves[:, 0] = 0.0
     return make_motion(acclaim.skeleton, q, rate, name, moves if moves.any() else None)
+
+
+def _turned(
+    matrices: Floats[Array, "joints 3 3"], vectors: Floats[Array, "frames joints 3"]
+) -> Floats[Array, "frames joints 3"]:
+    return np.matmul(vectors.transpose(1, 0, 2), matrices.transpose(0, 2, 1)).transpose(1, 0, 2)
