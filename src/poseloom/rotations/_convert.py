@@ -10,7 +10,7 @@ _SMALL = 1e-4
 
 def quat_from_rotvec(rotvec: Floats[Array, "*batch 3"]) -> Floats[Array, "*batch 4"]:
     """Exponential map to unit quaternions `wxyz`."""
-    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
+    angle = np.asarray(np.linalg.norm(rotvec, axis=-1, keepdims=True))
     small = angle < _SMALL
     half = 0.5 * angle
     safe = np.where(small, 1.0, angle)
@@ -66,7 +66,7 @@ def quat_from_matrix(matrix: Floats[Array, "*batch 3 3"]) -> Floats[Array, "*bat
     rows[..., 2, 3] = rows[..., 3, 2] = m[..., 1, 2] + m[..., 2, 1]
     best = np.argmax(squares, axis=-1)
     quat = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
-    quat = quat / np.linalg.norm(quat, axis=-1, keepdims=True)
+    quat = quat / np.asarray(np.linalg.norm(quat, axis=-1, keepdims=True))
     return np.where(quat[..., :1] < 0, -quat, quat)
 
 

@@ -69,11 +69,11 @@ def nearest_branch(
 
     Where the rotation is nil its axis is taken from the reference.
     """
-    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
-    size = np.linalg.norm(reference, axis=-1, keepdims=True)
+    angle = np.asarray(np.linalg.norm(rotvec, axis=-1, keepdims=True))
+    size = np.asarray(np.linalg.norm(reference, axis=-1, keepdims=True))
     still = angle < 1e-12
     axis = np.where(still, reference / np.where(size < 1e-12, 1.0, size), rotvec / np.where(still, 1.0, angle))
-    along = np.sum(axis * reference, axis=-1, keepdims=True)
+    along = np.asarray(np.sum(axis * reference, axis=-1, keepdims=True))
     return rotvec + axis * (2 * np.pi * np.round((along - angle) / (2 * np.pi)))
 
 
