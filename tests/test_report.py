@@ -18,7 +18,7 @@ from poseloom.evaluation.results import MethodResult, SequenceResult, compare, m
 from poseloom.report import page_data
 from poseloom.report.html import write_report
 from poseloom.report.mannequin import limbs
-from poseloom.report.strip import StripRow, strip_svg
+from poseloom.report.strip import StripRow, sequence_strip, strip_svg
 from poseloom.skeleton.body import BODY_BONES, average_body
 from poseloom.skeleton.motion import Motion, make_motion
 
@@ -205,6 +205,12 @@ def test_the_strip_is_sound_svg_with_a_figure_a_moment() -> None:
     numbers = [float(n) for path in root.iter(f"{space}path") for n in re.findall(r"-?\d+\.?\d*", path.get("d", ""))]
     assert np.abs(numbers).max() < 400
     assert len(strip_svg([StripRow("one frame", truth.cut(0, 1), "#808080")])) > 1000
+
+
+def test_a_sequence_is_drawn_over_the_time_that_all_methods_speak_of(sequences: tuple[SequenceResult, ...]) -> None:
+    root = ElementTree.fromstring(sequence_strip(sequences[0], moments=3))
+    labels = [node.text for node in root.findall("{http://www.w3.org/2000/svg}text")]
+    assert labels == ["truth", "good", "bad", "0.0 s", "1.4 s", "2.9 s"]
 
 
 # --- in a browser ----------------------------------------------------------------------------------------------------

@@ -16,7 +16,6 @@ from poseloom.skeleton.body import average_body
 from poseloom.skeleton.resample import resample
 from poseloom.skeleton.retarget import retarget
 
-
 _LEAST_WINDOWS = 1.1
 """Lengths of a compared window that a motion must have: windows are rounded to whole frames."""
 

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull  # pyright: ignore[reportMissingTypeStubs]
 
 from poseloom.arrays import Array, Floats
+from poseloom.evaluation.results import SequenceResult
 from poseloom.report.mannequin import Limb, limbs
+from poseloom.report.page_data import TRUTH_COLOUR, method_colour
 from poseloom.rotations import heading_angle, quat_from_rotvec
 from poseloom.skeleton.kinematics import BoneFrames, motion_frames
 from poseloom.skeleton.motion import Motion
@@ -111,6 +113,21 @@ def strip_svg(rows: Sequence[StripRow], moments: int = 8, turn_deg: float = 40.0
             f'text-anchor="middle">{frame / first.rate:.1f} s</text>'
         )
     return "\n".join([*parts, "</svg>"]) + "\n"
+
+
+def sequence_strip(sequence: SequenceResult, moments: int = 8) -> str:
+    """An evaluated sequence as a strip: the truth's row, then one a method, in the report's colours.
+
+    Shown is the time of which every method has something to say.
+    """
+    start = max((int(result.samples[0]) for result in sequence.results), default=0)
+    stop = 1 + min((int(result.samples[-1]) for result in sequence.results), default=len(sequence.truth) - 1)
+    rows = [StripRow("truth", sequence.truth.cut(start, stop), TRUTH_COLOUR)]
+    for index, result in enumerate(sequence.results):
+        held = np.maximum(np.searchsorted(result.samples, np.arange(start, stop), side="right") - 1, 0)
+        motion = Motion(result.motion.skeleton, result.motion.q[held], sequence.truth.rate, result.name)
+        rows.append(StripRow(result.name, motion, method_colour(index)))
+    return strip_svg(rows, moments)
 
 
 def _view(motion: Motion, frame: int, turn_deg: float, pitch_deg: float) -> _View:
