@@ -241,7 +241,7 @@ def _read(job: _Job, filled: Filling, writer: PoseWriter) -> None:
 
 
 def _nothing(skipped: Sequence[Skipped], adding: bool) -> LibraryError:
-    told = [entry for entry in skipped if entry.kind is not SkipKind.COMPANION][-3:]
+    told = [entry for entry in skipped if entry.kind is not SkipKind.COMPANION][:3]
     return LibraryError(
         "nothing new could be read" if adding else "not one motion could be read",
         cause="; ".join(f"{entry.source}: {entry.reason}" for entry in told),

@@ -97,15 +97,17 @@ def write_catalogue(path: Path, clips: Iterable[Clip], skipped: Iterable[Skipped
         connection.executescript(_SCHEMA)
         connection.executemany(
             f"INSERT INTO clips ({_CLIP_COLUMNS}) VALUES ({', '.join('?' * len(fields(Clip)))})",
-            (
-                tuple(" ".join(value) if isinstance(value, tuple) else value for value in astuple(clip))
-                for clip in clips
-            ),
+            (_row(clip) for clip in clips),
         )
         connection.executemany(
             "INSERT INTO skipped (source, kind, reason) VALUES (?, ?, ?)",
             ((s.source, s.kind.value, s.reason) for s in skipped),
         )
+
+
+def _row(clip: Clip) -> tuple[Any, ...]:
+    *values, _ = astuple(clip)
+    return (*values, " ".join(clip.tags))
 
 
 def _clip(row: tuple[Any, ...]) -> Clip:

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -72,7 +73,7 @@ def convert(source: Source, recipe: Recipe) -> Conversion:
     except MemoryError:
         raise
     except Exception as error:  # one bad file must not end a build of thousands; it is listed with its reason
-        return Conversion("", (), (Skipped(source.name, SkipKind.UNREADABLE, _reason(error)),))
+        return Conversion("", (), (Skipped(source.name, SkipKind.UNREADABLE, _reason(error, source)),))
     clips: list[NewClip] = []
     skipped: list[Skipped] = []
     for motion in motions:
@@ -86,7 +87,7 @@ def convert(source: Source, recipe: Recipe) -> Conversion:
         except MemoryError:
             raise
         except Exception as error:
-            skipped.append(Skipped(source.name, SkipKind.UNREADABLE, _reason(error)))
+            skipped.append(Skipped(source.name, SkipKind.UNREADABLE, _reason(error, source)))
     return Conversion(digest, tuple(clips), tuple(skipped))
 
 
@@ -107,9 +108,13 @@ def _clips(motion: Motion, name: str, recipe: Recipe) -> list[NewClip]:
     return clips
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: Exception, source: Source) -> str:
+    """What was wrong, without the path that the entry names already."""
     if isinstance(error, PoseloomError):
-        return str(error)
+        about = Path(error.file).name if error.file and Path(error.file) != source.path else ""
+        place = about if error.line is None else f"{about}:{error.line}" if about else f"line {error.line}"
+        told = str(PoseloomError(error.fact, cause=error.cause, remedy=error.remedy))
+        return f"{place}: {told}" if place else told
     if isinstance(error, OSError):
         return error.strerror or str(error)
     return f"{type(error).__name__}: {error} (a defect of poseloom: please report it with the file)"

@@ -32,9 +32,10 @@ def writing(folder: Path) -> Generator[None, None, None]:
     Raises:
         LibraryError: if another process holds it.
     """
-    # sqlite locks its file on every system; a transaction that changes nothing leaves nothing behind.
+    # sqlite locks its file on every system; a transaction without a journal that changes nothing leaves nothing behind.
     with closing(sqlite3.connect(folder / LOCK_FILE, timeout=0, isolation_level=None)) as connection:
         try:
+            connection.execute("PRAGMA journal_mode = OFF")
             connection.execute("BEGIN EXCLUSIVE")
         except sqlite3.OperationalError:
             raise LibraryError(

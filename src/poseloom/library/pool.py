@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -38,7 +39,7 @@ def in_order(function: Callable[[Item], Result], items: Sequence[Item], workers:
         return
     with _one_thread_each():
         pool = ProcessPoolExecutor(
-            min(workers, len(items)), mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
+            min(workers, len(items)), mp_context=multiprocessing.get_context("spawn"), initializer=_prepare
         )
         try:
             yield from _windowed(pool, function, items, _AHEAD * workers)
@@ -80,8 +81,12 @@ def _one_thread_each() -> Generator[None, None, None]:
                 os.environ[name] = value
 
 
-def _end_with_parent() -> None:
-    """Lets a worker end when its parent is killed; by itself it would wait for work for ever."""
+def _prepare() -> None:
+    """Leaves interrupts from the keyboard to the parent, and lets a worker end when its parent is killed.
+
+    By itself a worker would wait for work for ever.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
     def watch() -> None:

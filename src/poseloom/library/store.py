@@ -17,7 +17,7 @@ from typing import Any, cast
 
 from poseloom.errors import LibraryError
 from poseloom.formats.atomic import atomic_file
-from poseloom.library.folders import LOCK_FILE, to_disk
+from poseloom.library.folders import to_disk
 
 HEADER_FILE = "library.json"
 KIND = "poseloom-library"
@@ -121,9 +121,9 @@ def _digest(fields: Mapping[str, Any]) -> str:
 
 
 def seal(folder: Path) -> tuple[StoredFile, ...]:
-    """Sizes and digests of the files in a finished folder, each forced to the disk first."""
+    """Sizes and digests of the files in a finished folder, hidden ones apart; each is forced to the disk first."""
     files: list[StoredFile] = []
-    for path in sorted(path for path in folder.iterdir() if path.is_file() and path.name != LOCK_FILE):
+    for path in sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")):
         to_disk(path)
         whole = file_digest(path)
         size = path.stat().st_size

@@ -13,7 +13,7 @@ second test is left out where both clips come from skeletons of one family, and 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ _COLUMNS = 8
 _LEARNT_FROM = 20_000
 
 
+@runtime_checkable
 class Stretch(Protocol):
     """What is asked of a clip."""
 
