@@ -33,7 +33,7 @@ clean:
 	rm -rf build dist demo .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 	find src tests examples scripts -name __pycache__ -type d -prune -exec rm -rf {} +
 
-.venv/bin/python:
+.venv/bin/pip:
 ifeq ($(PYTHON),)
 	@echo "poseloom needs Python 3.11 or newer, and none was found: $$(python3 --version 2>&1 || true)" >&2
 	@echo "Install one (Debian and Ubuntu: apt install python3 python3-venv), or give it: make PYTHON=/path/to/python3" >&2
@@ -45,12 +45,12 @@ else
 	@$(PYTHON) -m venv .venv
 endif
 
-.venv/installed: pyproject.toml | .venv/bin/python
+.venv/installed: pyproject.toml | .venv/bin/pip
 	@echo "Installing poseloom into .venv (about a minute, once)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
-.venv/installed-dev: pyproject.toml | .venv/bin/python
+.venv/installed-dev: pyproject.toml | .venv/bin/pip
 	@echo "Installing poseloom and its development tools into .venv"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
 	@touch $@ .venv/installed

@@ -8,45 +8,82 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from poseloom.errors import PoseloomError
+    from poseloom.evaluation.metrics import evaluate_motion
+    from poseloom.formats import read_motions, write_motion
+    from poseloom.formats.recording import read_recording, write_recording
+    from poseloom.library import MotionLibrary, build_library, open_library
     from poseloom.methods.contract import Frame, Reconstruction, Reconstructor, reconstruct
-    from poseloom.sensors.layout import SensorLayout, layout
+    from poseloom.methods.trackers import InverseKinematics, LocalGaussian, LocalRegression
+    from poseloom.report.html import write_report
+    from poseloom.samples import sample_motions
+    from poseloom.sensors.layout import layout
     from poseloom.sensors.recording import Recording
-    from poseloom.sensors.sample import Sample
     from poseloom.skeleton.body import average_body
     from poseloom.skeleton.kinematics import motion_frames
     from poseloom.skeleton.motion import Motion
+    from poseloom.skeleton.retarget import retarget
     from poseloom.skeleton.skeleton import Skeleton
+    from poseloom.synthesis.noise import TrackerNoise
+    from poseloom.synthesis.trackers import simulate_trackers
 
 _HOMES = {
     "Frame": "methods.contract",
+    "InverseKinematics": "methods.trackers",
+    "LocalGaussian": "methods.trackers",
+    "LocalRegression": "methods.trackers",
     "Motion": "skeleton.motion",
+    "MotionLibrary": "library",
     "PoseloomError": "errors",
     "Reconstruction": "methods.contract",
     "Reconstructor": "methods.contract",
     "Recording": "sensors.recording",
-    "Sample": "sensors.sample",
-    "SensorLayout": "sensors.layout",
     "Skeleton": "skeleton.skeleton",
+    "TrackerNoise": "synthesis.noise",
     "average_body": "skeleton.body",
+    "build_library": "library",
+    "evaluate_motion": "evaluation.metrics",
     "layout": "sensors.layout",
     "motion_frames": "skeleton.kinematics",
+    "open_library": "library",
+    "read_motions": "formats",
+    "read_recording": "formats.recording",
     "reconstruct": "methods.contract",
+    "retarget": "skeleton.retarget",
+    "sample_motions": "samples",
+    "simulate_trackers": "synthesis.trackers",
+    "write_motion": "formats",
+    "write_recording": "formats.recording",
+    "write_report": "report.html",
 }
 
 __all__ = [
     "Frame",
+    "InverseKinematics",
+    "LocalGaussian",
+    "LocalRegression",
     "Motion",
+    "MotionLibrary",
     "PoseloomError",
     "Reconstruction",
     "Reconstructor",
     "Recording",
-    "Sample",
-    "SensorLayout",
     "Skeleton",
+    "TrackerNoise",
     "average_body",
+    "build_library",
+    "evaluate_motion",
     "layout",
     "motion_frames",
+    "open_library",
+    "read_motions",
+    "read_recording",
     "reconstruct",
+    "retarget",
+    "sample_motions",
+    "simulate_trackers",
+    "write_motion",
+    "write_recording",
+    "write_report",
 ]
 
 

@@ -72,12 +72,13 @@ def _run(argv: list[str]) -> int:
     return 0
 
 
-def _print_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> bool:
     if wanted:
         from poseloom import __version__
 
         typer.echo(f"poseloom {__version__}")
         raise typer.Exit
+    return wanted
 
 
 def _options(
