@@ -9,7 +9,7 @@ from poseloom.library import MotionLibrary, build_library, open_library
 from poseloom.methods import METHODS, HealthState, make_method, reconstruct
 from poseloom.samples import sample_motions
 from poseloom.sensors import Recording, layout
-from poseloom.skeleton import average_body, resample, retarget
+from poseloom.skeleton import average_body, retarget
 from poseloom.synthesis import TrackerNoise, simulate_trackers
 
 LEFT_OUT = "walk"
@@ -90,7 +90,7 @@ def test_missing_channels_survive(name: str, library: MotionLibrary, recording: 
     assert np.isfinite(result.motion.q).all()
     assert np.isfinite(result.spread).all()
     assert {result.health[i].state for i in range(20, 24)} == {HealthState.COASTING}
-    assert result.health[40].state is not HealthState.COASTING
+    assert result.health[30].state is not HealthState.COASTING
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -105,7 +105,7 @@ def test_it_starts_when_the_first_sensor_speaks(name: str, library: MotionLibrar
 def test_no_truth_enters(library: MotionLibrary, recording: Recording) -> None:
     from dataclasses import replace
 
-    method = _method("local-regression", library)
+    method = _method("local-gaussian", library)
     np.testing.assert_array_equal(
         reconstruct(method, recording).motion.q, reconstruct(method, replace(recording, truth=None)).motion.q
     )
@@ -114,13 +114,13 @@ def test_no_truth_enters(library: MotionLibrary, recording: Recording) -> None:
 def test_the_library_helps(library: MotionLibrary, recording: Recording) -> None:
     errors = {
         name: joint_angle_deg(recording.truth, reconstruct(_method(name, library), recording).motion)
-        for name in ("local-regression", "inverse-kinematics")
+        for name in ("local-gaussian", "inverse-kinematics")
     }
-    assert errors["local-regression"] < 0.8 * errors["inverse-kinematics"]
+    assert errors["local-gaussian"] < 0.8 * errors["inverse-kinematics"]
 
 
 def test_a_known_motion_comes_back(library: MotionLibrary, recording: Recording) -> None:
-    everything = make_method("local-regression", layout("six-trackers"), library)
+    everything = make_method("local-gaussian", layout("six-trackers"), library)
     result = reconstruct(everything, recording)
     assert joint_position_cm(recording.truth, result.motion) < 2.0
 
@@ -130,23 +130,23 @@ def test_another_body_is_driven_too(library: MotionLibrary, recording: Recording
     tall = body.with_offsets(body.offsets * 1.12, body.tips * 1.12)
     motion = retarget(sample_motions()[LEFT_OUT], tall)
     other = simulate_trackers(motion.cut(0, 60), layout("six-trackers"), TrackerNoise(), seed=3)
-    own = joint_position_cm(recording.truth, reconstruct(_method("local-regression", library), recording).motion)
-    scaled = joint_position_cm(other.truth, reconstruct(_method("local-regression", library), other).motion)
+    own = joint_position_cm(recording.truth, reconstruct(_method("local-gaussian", library), recording).motion)
+    scaled = joint_position_cm(other.truth, reconstruct(_method("local-gaussian", library), other).motion)
     assert scaled < 2.0 * own
 
 
 def test_three_trackers_give_a_plausible_body(library: MotionLibrary) -> None:
     motion = sample_motions()[LEFT_OUT]
     recording = simulate_trackers(motion.cut(0, 60), layout("three-trackers"), TrackerNoise(), seed=3)
-    result = reconstruct(_method("local-regression", library, "three-trackers"), recording)
+    result = reconstruct(_method("local-gaussian", library, "three-trackers"), recording)
     assert joint_position_cm(recording.truth, result.motion) < 15.0
 
 
 def test_wrong_requests_are_explained(library: MotionLibrary, recording: Recording) -> None:
-    with pytest.raises(MethodError, match="Did you mean 'local-regression'"):
-        make_method("local-regresion", layout("six-trackers"), library)
+    with pytest.raises(MethodError, match="Did you mean 'local-gaussian'"):
+        make_method("local-gausian", layout("six-trackers"), library)
     with pytest.raises(MethodError, match="needs a motion library"):
-        make_method("local-regression", layout("six-trackers"))
+        make_method("local-gaussian", layout("six-trackers"))
     with pytest.raises(MethodError, match="listens to the layout"):
         reconstruct(make_method("inverse-kinematics", layout("three-trackers")), recording)
     with pytest.raises(MethodError, match="not of trackers"):

@@ -22,7 +22,7 @@ def register(app: typer.Typer) -> None:
 def reconstruct_recording(
     recording: Annotated[Path, typer.Argument(help="What the sensors said (.mcap).", metavar="REC")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The motion: .bvh, .glb or .npz.")],
-    method: Annotated[str, typer.Option("--method", "-m", help="How; see `poseloom methods`.")] = "local-regression",
+    method: Annotated[str, typer.Option("--method", "-m", help="How; see `poseloom methods`.")] = "local-gaussian",
     library: Annotated[Path | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
 ) -> None:
     """Reconstruct the full-body motion of a recording."""
@@ -53,7 +53,7 @@ def list_methods() -> None:
 
     table = Table("method", "what it is", "library")
     for name, entry in METHODS.items():
-        table.add_row(name, entry.summary, "yes" if entry.model else "no")
+        table.add_row(name, entry.summary, "yes" if entry.kind else "no")
     Console().print(table)
 
 

@@ -87,10 +87,11 @@ def sensor_block(
         out[at] = place_weight * (c * dx - s * dz)
         out[at + 1] = place_weight * positions[i, 1]
         out[at + 2] = place_weight * (s * dx + c * dz)
+        turn = rotations[i]
         for b in range(2):
-            out[at + 3 + 3 * b] = turn_weight * (c * rotations[i, 0, b] - s * rotations[i, 2, b])
-            out[at + 4 + 3 * b] = turn_weight * rotations[i, 1, b]
-            out[at + 5 + 3 * b] = turn_weight * (s * rotations[i, 0, b] + c * rotations[i, 2, b])
+            out[at + 3 + 3 * b] = turn_weight * (c * turn[0, b] - s * turn[2, b])
+            out[at + 4 + 3 * b] = turn_weight * turn[1, b]
+            out[at + 5 + 3 * b] = turn_weight * (s * turn[0, b] + c * turn[2, b])
 
 
 @compiled

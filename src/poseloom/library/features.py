@@ -45,6 +45,7 @@ class FeatureSettings:
         change_weight: Weight of the change from pose to pose: how much velocity counts beside posture.
         place_weight: Weight of sensors' places, per metre.
         turn_weight: Weight of sensors' rotations.
+        by_sensors: Whether the search compares the sensors too; else the history alone, and sensors only at a start.
         history_columns: Principal components kept of the history.
         sensor_columns: Principal components kept of the sensors.
     """
@@ -54,9 +55,15 @@ class FeatureSettings:
     root_weight: float = 1.0
     change_weight: float = 4.0
     place_weight: float = 3.0
-    turn_weight: float = 1.0
+    turn_weight: float = 2.0
+    by_sensors: bool = True
     history_columns: int = 40
     sensor_columns: int = 32
+
+    @property
+    def reach(self) -> int:
+        """Poses of the same clip that a moment needs before it."""
+        return max(self.history, 1)
 
     def digest(self) -> str:
         """A short name that differs whenever a setting does."""

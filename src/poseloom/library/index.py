@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, cast, runtime_checkable
 
 import faiss as _faiss  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
@@ -24,6 +24,7 @@ _CHUNK = 50_000
 """Moments whose features are held in full at a time."""
 
 
+@runtime_checkable
 class Span(Protocol):
     """A clip's rows in the pose array."""
 
@@ -80,7 +81,10 @@ class MomentIndex:
     def search(
         self, query: Floats[Array, "columns"], count: int, exclusion: Exclusion | None = None
     ) -> tuple[Ints[Array, "found"], Floats[Array, "found"]]:
-        """The `count` moments nearest to a projected query, nearest first, and their squared distances."""
+        """The `count` moments nearest to a projected query, nearest first, and their squared distances.
+
+        The query has the history's columns, and the sensors' behind them if the features are searched by sensors.
+        """
         return _search(self._whole, query, count, exclusion)
 
     def search_sensors(
@@ -115,9 +119,9 @@ def _search(
     return found[0][good], distances[0][good].astype(np.float64)
 
 
-def moment_rows(clips: Iterable[Span], history: int) -> Ints[Array, "moments"]:
-    """Rows that have `history` rows of the same clip before them."""
-    spans = [np.arange(clip.start + history, clip.stop, dtype=np.int64) for clip in clips]
+def moment_rows(clips: Iterable[Span], reach: int) -> Ints[Array, "moments"]:
+    """Rows that have `reach` rows of the same clip before them."""
+    spans = [np.arange(clip.start + reach, clip.stop, dtype=np.int64) for clip in clips]
     return np.concatenate(spans) if spans else np.empty(0, dtype=np.int64)
 
 
@@ -130,11 +134,11 @@ def build_index(
         LibraryError: where no clip is long enough to have a moment.
     """
     features = make_feature_map(settings)
-    rows = moment_rows(clips, max(settings.history, 1))
+    rows = moment_rows(clips, settings.reach)
     if len(rows) == 0:
         raise LibraryError(
             "the library has no moment to search for",
-            cause=f"no clip is longer than {max(settings.history, 1)} poses",
+            cause=f"no clip is longer than {settings.reach} poses",
             remedy="Add longer motions",
         )
     sample = np.sort(np.random.default_rng(0).choice(rows, size=min(_SAMPLE, len(rows)), replace=False))
@@ -157,7 +161,8 @@ def build_index(
         folder / "projection.npz",
         history_mean=history.mean, history_basis=history.basis, sensor_mean=sensors.mean, sensor_basis=sensors.basis,
     )  # fmt: skip
-    faiss.write_index(_cells(columns), str(folder / "moments.faiss"))
+    searched = columns if settings.by_sensors else np.ascontiguousarray(columns[:, : history.basis.shape[1]])
+    faiss.write_index(_cells(searched), str(folder / "moments.faiss"))
     if sensors.basis.shape[1]:
         faiss.write_index(
             _cells(np.ascontiguousarray(columns[:, history.basis.shape[1] :])), str(folder / "sensors.faiss")

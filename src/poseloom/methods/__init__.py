@@ -8,26 +8,35 @@ from poseloom.methods.contract import (
     Reconstructor,
     reconstruct,
 )
-from poseloom.methods.registry import METHODS, make_method, needs_library
+from poseloom.methods.registry import DEFAULT_METHOD, METHODS, make_method, needs_library
 from poseloom.methods.trackers import (
     InverseKinematics,
+    LocalGaussian,
+    LocalPca,
+    LocalPcr,
     LocalRegression,
     NearestExample,
+    NeighbourMethod,
     NeighbourSettings,
-    QuerySettings,
+    Query,
     TrackerSettings,
 )
 
 __all__ = [
+    "DEFAULT_METHOD",
     "METHODS",
     "Frame",
     "Health",
     "HealthState",
     "InverseKinematics",
+    "LocalGaussian",
+    "LocalPca",
+    "LocalPcr",
     "LocalRegression",
     "NearestExample",
+    "NeighbourMethod",
     "NeighbourSettings",
-    "QuerySettings",
+    "Query",
     "Reconstruction",
     "Reconstructor",
     "TrackerSettings",

@@ -1,6 +1,6 @@
 """Methods by name, for the command line, the evaluation and the live path."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -10,15 +10,8 @@ from poseloom.errors import MethodError, unknown_name
 from poseloom.library import MotionLibrary
 from poseloom.methods.contract import Reconstructor
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
-from poseloom.methods.trackers.local_models import (
-    JointSubspace,
-    LocalModel,
-    LocalPca,
-    LocalPcr,
-    LocalRidge,
-    NearestPose,
-)
-from poseloom.methods.trackers.neighbours import LocalRegression
+from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
+from poseloom.methods.trackers.neighbours import NeighbourMethod
 from poseloom.sensors import SensorLayout
 
 
@@ -28,29 +21,32 @@ class MethodEntry:
 
     Attributes:
         summary: What it is, in half a line.
-        model: The local model of the neighbours, for methods that ask a library; None for those that need none.
+        kind: Its class, for methods that ask a library; None for those that need none.
     """
 
     summary: str
-    model: Callable[[], LocalModel] | None
+    kind: type[NeighbourMethod] | None
 
 
 METHODS: Mapping[str, MethodEntry] = MappingProxyType(
     {
-        "local-regression": MethodEntry("ridge regression of the nearest moments, full covariance", LocalRidge),
-        "joint-subspace": MethodEntry("the six-sensor paper's local model, mended", JointSubspace),
+        "local-gaussian": MethodEntry("the nearest moments' mean and covariance, given the sensors", LocalGaussian),
+        "local-regression": MethodEntry("the six-sensor paper's local model, mended", LocalRegression),
         "local-pcr": MethodEntry("local principal component regression (Liu et al. 2011)", LocalPcr),
         "local-pca": MethodEntry("local PCA of the neighbours' poses (Chai and Hodgins 2005)", LocalPca),
-        "nearest-example": MethodEntry("the nearest moment's pose, bent to the sensors", NearestPose),
+        "nearest-example": MethodEntry("the nearest moment's pose, bent to the sensors", NearestExample),
         "inverse-kinematics": MethodEntry("the previous pose, bent to the sensors; no library", None),
     }
 )
 """Every method, the recommended one first."""
 
+DEFAULT_METHOD = next(iter(METHODS))
+"""The recommended method."""
+
 
 def needs_library(name: str) -> bool:
     """Whether a method asks a motion library. Raises MethodError for an unknown name."""
-    return _entry(name).model is not None
+    return _entry(name).kind is not None
 
 
 def make_method(
@@ -67,15 +63,15 @@ def make_method(
     Raises:
         MethodError: for an unknown name, or a library that is missing.
     """
-    model = _entry(name).model
-    if model is None:
+    kind = _entry(name).kind
+    if kind is None:
         return InverseKinematics(layout)
     if library is None:
         raise MethodError(
             f"the method {name!r} needs a motion library",
             remedy="Build one with `poseloom library build` and name it with --library, or use inverse-kinematics",
         )
-    return LocalRegression(library, layout, model(), allowed=allowed)
+    return kind(library, layout, allowed=allowed)
 
 
 def _entry(name: str) -> MethodEntry:

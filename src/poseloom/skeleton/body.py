@@ -67,7 +67,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 @cache
 def average_body() -> Skeleton:
     """The 22-bone body of average size: T-pose, facing +Z, left hand towards +X, metres."""
-    offsets: dict[str, Floats[Array, "3"]] = {name: np.array(value) for name, value in _CENTRE.items()}
+    offsets: dict[str, Floats[Array, 3]] = {name: np.array(value) for name, value in _CENTRE.items()}
     for bone, value in _LEFT.items():
         offsets[f"left{bone}"] = np.array(value)
         offsets[f"right{bone}"] = np.array(value) * MIRROR

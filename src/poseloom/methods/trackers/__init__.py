@@ -1,15 +1,20 @@
 """Full-body motion from 6-DoF trackers: one loop, and several ways to predict."""
 
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
-from poseloom.methods.trackers.neighbours import LocalRegression, NearestExample, NeighbourSettings, QuerySettings
+from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
+from poseloom.methods.trackers.neighbours import NeighbourMethod, NeighbourSettings, Query
 from poseloom.methods.trackers.state import TrackerSettings, TrackerState
 
 __all__ = [
     "InverseKinematics",
+    "LocalGaussian",
+    "LocalPca",
+    "LocalPcr",
     "LocalRegression",
     "NearestExample",
+    "NeighbourMethod",
     "NeighbourSettings",
-    "QuerySettings",
+    "Query",
     "TrackerSettings",
     "TrackerState",
 ]

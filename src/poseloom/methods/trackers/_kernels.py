@@ -24,41 +24,6 @@ def nearest_branch_in_place(rotvec: Floats[Array, "3"], reference: Floats[Array,
 
 
 @compiled
-def gather_outputs(
-    poses: Floats32[Array, "poses dofs"],
-    rows: Ints[Array, "neighbours"],
-    reference: Floats[Array, "dofs"],
-    scale: float,
-    out: Floats[Array, "neighbours dofs"],
-) -> None:
-    """Each row's pose from the ground point and heading of the row before, on the reference's branches.
-
-    `scale` turns the library's metres into the wearer's.
-    """
-    turn, local = np.empty((3, 3)), np.empty((3, 3))
-    for i in range(rows.shape[0]):
-        row = rows[i]
-        exp_matrix(float(poses[row - 1, 3]), float(poses[row - 1, 4]), float(poses[row - 1, 5]), turn)
-        heading = heading_of(turn)
-        c, s = math.cos(heading), math.sin(heading)
-        dx = float(poses[row, 0]) - float(poses[row - 1, 0])
-        dz = float(poses[row, 2]) - float(poses[row - 1, 2])
-        out[i, 0] = scale * (c * dx - s * dz)
-        out[i, 1] = scale * poses[row, 1]
-        out[i, 2] = scale * (s * dx + c * dz)
-        exp_matrix(float(poses[row, 3]), float(poses[row, 4]), float(poses[row, 5]), turn)
-        for b in range(3):
-            local[0, b] = c * turn[0, b] - s * turn[2, b]
-            local[1, b] = turn[1, b]
-            local[2, b] = s * turn[0, b] + c * turn[2, b]
-        log_rotation(local, out[i, 3:6])
-        for d in range(6, out.shape[1]):
-            out[i, d] = poses[row, d]
-        for j in range(1, out.shape[1] // 3):
-            nearest_branch_in_place(out[i, 3 * j : 3 * j + 3], reference[3 * j : 3 * j + 3])
-
-
-@compiled
 def into_heading(q: Floats[Array, "dofs"], x: float, z: float, heading: float, out: Floats[Array, "dofs"]) -> None:
     """A pose seen from a ground point and heading (its root's rotation vector on the branch below half a turn)."""
     turn, local = np.empty((3, 3)), np.empty((3, 3))
@@ -81,3 +46,37 @@ def root_heading(q: Floats[Array, "dofs"]) -> float:
     turn = np.empty((3, 3))
     exp_matrix(float(q[3]), float(q[4]), float(q[5]), turn)
     return heading_of(turn)
+
+
+@compiled
+def gather_outputs(
+    poses: Floats32[Array, "poses dofs"],
+    rows: Ints[Array, "neighbours"],
+    previous: Floats[Array, "dofs"],
+    scale: float,
+    persistence: float,
+    out: Floats[Array, "neighbours dofs"],
+) -> None:
+    """What each row says of the next pose, from the ground point and heading of the pose before it.
+
+    A row says partly "be where I am" and partly, with the share `persistence`, "move as I moved": its pose is shifted
+    by that share of the difference between the previous pose and the pose before the row. Rotation vectors are brought
+    to the branches of `previous`; `scale` turns the library's metres into the wearer's.
+    """
+    size = out.shape[1]
+    row_before, row_now, before = np.empty(size), np.empty(size), np.empty(size)
+    for i in range(rows.shape[0]):
+        for d in range(size):
+            row_before[d] = poses[rows[i] - 1, d]
+            row_now[d] = poses[rows[i], d]
+        heading = root_heading(row_before)
+        into_heading(row_before, float(row_before[0]), float(row_before[2]), heading, before)
+        into_heading(row_now, float(row_before[0]), float(row_before[2]), heading, out[i])
+        for d in range(3):
+            before[d] *= scale
+            out[i, d] *= scale
+        for j in range(1, size // 3):
+            nearest_branch_in_place(before[3 * j : 3 * j + 3], previous[3 * j : 3 * j + 3])
+            nearest_branch_in_place(out[i, 3 * j : 3 * j + 3], before[3 * j : 3 * j + 3])
+        for d in range(size):
+            out[i, d] += persistence * (previous[d] - before[d])

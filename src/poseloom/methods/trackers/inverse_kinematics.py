@@ -7,7 +7,7 @@ import numpy as np
 from poseloom.arrays import Array, Floats
 from poseloom.methods.trackers.loop import TrackerMethod
 from poseloom.methods.trackers.standing import standing_pose
-from poseloom.methods.trackers.state import TrackerSettings, TrackerState, Wearer
+from poseloom.methods.trackers.state import BoneView, TrackerSettings, TrackerState, Wearer
 from poseloom.sensors import SensorLayout
 from poseloom.solve import GaussianPrior, SensorReadings
 
@@ -50,9 +50,7 @@ class InverseKinematics(TrackerMethod):
         mean = standing_pose(wearer, readings)
         return GaussianPrior(mean, _diagonal(len(mean), self.parameters.first_root, self.parameters.first_joint))
 
-    def next_prior(
-        self, state: TrackerState, previous: Floats[Array, "dofs"], readings: SensorReadings
-    ) -> GaussianPrior:
+    def next_prior(self, state: TrackerState, previous: Floats[Array, "dofs"], view: BoneView) -> GaussianPrior:
         """See `TrackerMethod.next_prior`."""
         steps = self.parameters
         return GaussianPrior(previous, _diagonal(len(previous), steps.root_step, steps.joint_step))

@@ -8,7 +8,6 @@ import abc
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from poseloom.arrays import Array, Floats
 
@@ -41,7 +40,33 @@ class LocalModel(abc.ABC):
 
 
 @dataclass(frozen=True)
-class NearestPose(LocalModel):
+class GaussianModel(LocalModel):
+    """The neighbours' mean and covariance: regression is left to the solver, which conditions it on the sensors.
+
+    The sensors' map from pose to signal is known exactly, so nothing of it need be learnt from examples: conditioning a
+    joint Gaussian of poses on the sensors through that map is the regression from sensors to pose, and unlike a fitted
+    one it cannot amplify errors of the history that it would read as inputs. Covariances between joints that the
+    neighbours are too few to show are shrunk.
+
+    Attributes:
+        shrinkage: Share of each correlation that is given up.
+    """
+
+    shrinkage: float = 0.3
+
+    def predict(self, near: Neighbourhood) -> tuple[Floats[Array, "dofs"], Floats[Array, "dofs dofs"]]:
+        """See `LocalModel.predict`."""
+        mean = near.weights @ near.outputs
+        centred = np.sqrt(near.weights)[:, None] * (near.outputs - mean)
+        covariance = centred.T @ centred
+        variance = np.diag(covariance).copy()
+        covariance *= 1.0 - self.shrinkage
+        covariance[np.diag_indices_from(covariance)] = variance
+        return mean, covariance
+
+
+@dataclass(frozen=True)
+class NearestModel(LocalModel):
     """The nearest neighbour's pose, with the neighbours' scatter about it for a spread."""
 
     def predict(self, near: Neighbourhood) -> tuple[Floats[Array, "dofs"], Floats[Array, "dofs dofs"]]:
@@ -51,7 +76,7 @@ class NearestPose(LocalModel):
 
 
 @dataclass(frozen=True)
-class LocalPca(LocalModel):
+class PcaModel(LocalModel):
     """A Gaussian in the principal subspace of the neighbours' poses; the inputs only choose and weigh the neighbours.
 
     Source: Chai and Hodgins, Performance animation from low-dimensional control signals, 2005, section 5. Their extra
@@ -74,7 +99,7 @@ class LocalPca(LocalModel):
 
 
 @dataclass(frozen=True)
-class LocalPcr(LocalModel):
+class PcrModel(LocalModel):
     """Principal component regression: components of the inputs, then least squares from their scores to the pose.
 
     Source: Liu et al., Realtime human motion control with a small number of inertial sensors, 2011, section 5.
@@ -110,7 +135,7 @@ class LocalPcr(LocalModel):
 
 
 @dataclass(frozen=True)
-class JointSubspace(LocalModel):
+class SubspaceModel(LocalModel):
     """The six-sensor paper's model: one principal subspace of inputs and pose together, split into both.
 
     With U = [Ux; Uy] the kept directions (as columns) of the centred [X Y], the prediction is Uy (Ux' Ux)^-1 Ux' x,
@@ -163,44 +188,6 @@ class JointSubspace(LocalModel):
         return change, scores @ u_y.T, (vectors[:, kept] ** 2).sum(axis=1)
 
 
-@dataclass(frozen=True)
-class LocalRidge(LocalModel):
-    """Weighted ridge regression from the inputs to the pose, with the covariance of its left-out residuals.
-
-    The covariance is full: which joints err together is half of what the neighbours know. The residual of each
-    neighbour is the one that it would have, were it left out (in closed form, by its leverage), so the spread is honest
-    for few neighbours too.
-
-    Attributes:
-        ridge: Damping, relative to the mean variance of the inputs.
-        full_covariance: Keep the residuals' correlations, not their variances alone.
-        shrinkage: Share of the diagonal in the full covariance.
-    """
-
-    ridge: float = 0.1
-    full_covariance: bool = True
-    shrinkage: float = 0.1
-
-    def predict(self, near: Neighbourhood) -> tuple[Floats[Array, "dofs"], Floats[Array, "dofs dofs"]]:
-        """See `LocalModel.predict`."""
-        root = np.sqrt(near.weights)[:, None]
-        middle, mean = near.weights @ near.inputs, near.weights @ near.outputs
-        inputs, outputs = root * (near.inputs - middle), root * (near.outputs - mean)
-        normal = inputs.T @ inputs
-        normal[np.diag_indices_from(normal)] += self.ridge * np.trace(normal) / len(normal) + 1e-12
-        right = np.concatenate([inputs.T @ outputs, inputs.T], axis=1)
-        solved = lapack.dposv(normal, right, lower=1)[1]
-        coefficients, spreading = solved[:, : outputs.shape[1]], solved[:, outputs.shape[1] :]
-        leverage = np.einsum("kc,ck->k", inputs, spreading)
-        return _with_residuals(
-            mean + (near.query - middle) @ coefficients,
-            outputs - inputs @ coefficients,
-            leverage + near.weights,
-            self.full_covariance,
-            self.shrinkage,
-        )
-
-
 def _kept(values: Floats[Array, "values"], energy: float) -> slice:
     """The slice of ascending eigenvalues that explains a share of their sum (never one that is nil)."""
     positive = np.maximum(values, 0.0)
@@ -215,13 +202,8 @@ def _with_residuals(
     residuals: Floats[Array, "neighbours dofs"],
     leverage: Floats[Array, "neighbours"],
     full: bool,
-    shrinkage: float = 0.0,
 ) -> tuple[Floats[Array, "dofs"], Floats[Array, "dofs dofs"]]:
     left_out = residuals / np.maximum(1.0 - leverage, 0.1)[:, None]
     if not full:
         return mean, np.diag((left_out**2).sum(axis=0))
-    covariance = left_out.T @ left_out
-    variance = np.diag(covariance).copy()
-    covariance *= 1.0 - shrinkage
-    covariance[np.diag_indices_from(covariance)] = variance
-    return mean, covariance
+    return mean, left_out.T @ left_out

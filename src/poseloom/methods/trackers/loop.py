@@ -11,7 +11,7 @@ from poseloom.errors import MethodError
 from poseloom.library.features import feature_points, reference_sensor
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
 from poseloom.methods.trackers import _kernels
-from poseloom.methods.trackers.observation import heard, observe, turned
+from poseloom.methods.trackers.observation import BoneView, heard, observe, plausible_view, turned
 from poseloom.methods.trackers.state import TrackerSettings, TrackerState, Wearer
 from poseloom.rotations import nearest_branch
 from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout
@@ -64,15 +64,13 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         """What is believed before there is a history, in the world."""
 
     @abc.abstractmethod
-    def next_prior(
-        self, state: TrackerState, previous: Floats[Array, "dofs"], readings: SensorReadings
-    ) -> GaussianPrior:
+    def next_prior(self, state: TrackerState, previous: Floats[Array, "dofs"], view: BoneView) -> GaussianPrior:
         """What is believed of the next pose, in the heading frame of the newest.
 
         Args:
             state: The state before the sample.
             previous: The newest pose in its own heading frame.
-            readings: What the sensors say, in that frame.
+            view: Where the sensors put their bones now, in the world; what one does not say is guessed.
         """
 
     @property
@@ -134,7 +132,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         previous = np.empty_like(newest)
         _kernels.into_heading(newest, view.x, view.z, view.heading, previous)
         local = turned(readings, view.x, view.z, view.heading)
-        solution = self._solve(state.wearer, local, self.next_prior(state, previous, local))
+        guess = plausible_view(state.wearer, readings, newest, self.settings)
+        solution = self._solve(state.wearer, local, self.next_prior(state, previous, guess))
         q = np.empty_like(newest)
         _kernels.into_heading(solution.q, 0.0, 0.0, -view.heading, q)
         q[0] += view.x

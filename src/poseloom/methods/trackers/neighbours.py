@@ -1,6 +1,8 @@
 """Methods that ask a motion library: the nearest moments, a local model of them, and the solver."""
 
-from dataclasses import dataclass
+import enum
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,14 +12,13 @@ from poseloom.library import MotionLibrary
 from poseloom.library.features import FeatureSettings
 from poseloom.library.index import Exclusion, MomentIndex
 from poseloom.methods.trackers import _kernels
-from poseloom.methods.trackers.local_models import LocalModel, LocalRidge, NearestPose, Neighbourhood
+from poseloom.methods.trackers.local_models import GaussianModel, LocalModel, Neighbourhood
 from poseloom.methods.trackers.loop import TrackerMethod
-from poseloom.methods.trackers.observation import BoneView, measured_view, predicted_view
+from poseloom.methods.trackers.observation import predicted_view, view_of
 from poseloom.methods.trackers.standing import standing_pose
-from poseloom.methods.trackers.state import TrackerSettings, TrackerState, Wearer
+from poseloom.methods.trackers.state import BoneView, TrackerSettings, TrackerState, Wearer
 from poseloom.rotations import heading_angle, nearest_branch, quat_from_matrix
 from poseloom.sensors import SensorLayout
-from poseloom.skeleton.kinematics import forward_kinematics
 from poseloom.solve import GaussianPrior, SensorReadings
 
 
@@ -31,6 +32,7 @@ class NeighbourSettings:
             all alike, as the paper does.
         angle_floor: Least standard deviation of a predicted angle, radians.
         place_floor: Least standard deviation of the predicted root place, metres.
+        persistence: How far a neighbour says "move as I moved" rather than "be where I am", 0 to 1.
         margin: How far beyond the neighbours' range a prediction may go, as a share of that range.
         first_floor: Standard deviation added for the first pose, radians and metres.
     """
@@ -39,50 +41,51 @@ class NeighbourSettings:
     bandwidth: float = 1.0
     angle_floor: float = np.deg2rad(1.0)
     place_floor: float = 0.005
+    persistence: float = 0.2
     margin: float = 0.1
     first_floor: float = 0.1
 
 
-@dataclass(frozen=True)
-class QuerySettings:
-    """What the search looks at.
+class Query(enum.StrEnum):
+    """What the search and the regression look at besides the last poses."""
 
-    Attributes:
-        history: Poses before the present one (m in the paper).
-        sensors: Whether the present sensor signal counts too ("history+sensors"), or the history alone as in the paper.
-    """
-
-    history: int = 3
-    sensors: bool = True
-
-    def features(self, layout: SensorLayout) -> FeatureSettings:
-        """The feature settings of this query for a layout. Sensors are always indexed: a start needs them."""
-        return FeatureSettings(history=self.history, sensor_bones=tuple(sensor.bone for sensor in layout.sensors))
+    HISTORY = "history"
+    HISTORY_AND_SENSORS = "history+sensors"
 
 
-class LocalRegression(TrackerMethod):
+class NeighbourMethod(TrackerMethod):
     """Full-body motion from trackers by a local model of the nearest moments of a motion library.
 
     Source: the six-sensor paper, sections 5 and 6; its slips mended as `docs/derivations.md` says. Departures: the
-    search and the regression may see the present sensor signal; the prior keeps the covariance of the neighbours'
-    residuals; the first pose is found from the sensors, never given.
+    search and the model may see the present sensor signal; the prior may keep the covariance of the joints; the first
+    pose is found from the sensors, never given.
 
     Args:
         library: Where the neighbours come from; its rate must be the layout's.
         layout: The trackers.
-        model: The local model.
+        model: The local model; the class's own unless given, as with the next two.
+        neighbours: How neighbours are chosen and weighed.
+        query: What the search looks at.
+        settings: What all tracker methods share.
         allowed: Mask over the library's poses: False for those that must not be used (a left-out take). None: all.
+        features: How moments are described; the sensors' bones and the query are filled in.
     """
+
+    default_model: ClassVar[LocalModel] = GaussianModel()
+    default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings()
+    default_query: ClassVar[Query] = Query.HISTORY_AND_SENSORS
 
     def __init__(
         self,
         library: MotionLibrary,
         layout: SensorLayout,
+        *,
         model: LocalModel | None = None,
         neighbours: NeighbourSettings | None = None,
-        query: QuerySettings | None = None,
+        query: Query | None = None,
         settings: TrackerSettings | None = None,
         allowed: Bools[Array, "poses"] | None = None,
+        features: FeatureSettings | None = None,
     ) -> None:
         if abs(library.rate - layout.rate) > 1e-6:
             raise MethodError(
@@ -90,44 +93,46 @@ class LocalRegression(TrackerMethod):
                 cause="a local model predicts over exactly one sample",
                 remedy="Build a library at the sensors' rate (library build --rate), or record at the library's",
             )
-        self.query = query or QuerySettings()
         super().__init__(layout, settings)
-        self.model = model or LocalRidge()
-        self.neighbours = neighbours or NeighbourSettings()
-        self._index: MomentIndex = library.moments(self.query.features(layout))
+        self.model = model or self.default_model
+        self.neighbours = neighbours or self.default_neighbours
+        self.query = query or self.default_query
+        self.features = replace(
+            features or FeatureSettings(),
+            sensor_bones=tuple(sensor.bone for sensor in layout.sensors),
+            by_sensors=self.query is Query.HISTORY_AND_SENSORS,
+        )
+        self._index: MomentIndex = library.moments(self.features)
         self._poses: Floats32[Array, "poses dofs"] = np.asarray(library.poses)
         self._exclusion: Exclusion | None = None if allowed is None else self._index.exclusion(allowed)
 
     @property
     def moments(self) -> int:
         """See `TrackerMethod.moments`."""
-        return self.query.history
+        return self.features.history
 
-    def next_prior(
-        self, state: TrackerState, previous: Floats[Array, "dofs"], readings: SensorReadings
-    ) -> GaussianPrior:
+    def next_prior(self, state: TrackerState, previous: Floats[Array, "dofs"], view: BoneView) -> GaussianPrior:
         """See `TrackerMethod.next_prior`."""
         wearer = state.wearer
-        history = state.history
-        if len(history) < self.query.history:
-            history = np.concatenate([history, np.repeat(history[-1:], self.query.history - len(history), axis=0)])
-        scaled = history.copy()
-        scaled[:, :3] /= wearer.scale
-        index = self._index
-        seen = index.history(index.features.history(scaled))
-        query = np.concatenate([seen, self._sensor_columns(wearer, previous, readings)])
-        found = self._search(query)
-        outputs = np.empty((len(found), len(previous)))
-        _kernels.gather_outputs(self._poses, index.rows[found], previous, wearer.scale, outputs)
-        inputs = index.columns[found].astype(np.float64)
-        if not self.query.sensors:
-            inputs, query = inputs[:, : len(seen)], seen
-        return self._prior(Neighbourhood(query, inputs, outputs, self._weights(inputs, query), previous))
-
-    def _search(self, query: Floats[Array, "columns"]) -> Ints[Array, "neighbours"]:
+        query = self._query(state, view)
         found, _ = self._index.search(query, self.neighbours.neighbours, self._exclusion)
         self._check(found)
-        return found
+        outputs = np.empty((len(found), len(previous)))
+        _kernels.gather_outputs(
+            self._poses, self._index.rows[found], previous, wearer.scale, self.neighbours.persistence, outputs
+        )
+        inputs = self._index.columns[found, : len(query)].astype(np.float64)
+        return self._prior(Neighbourhood(query, inputs, outputs, self._weights(inputs, query), previous))
+
+    def _query(self, state: TrackerState, view: BoneView) -> Floats[Array, "columns"]:
+        """Projected features of the present moment; at the start the oldest pose stands for those before it."""
+        lacking = self.moments - len(state.history)
+        history = np.concatenate([state.history, np.repeat(state.history[-1:], lacking, axis=0)])
+        history[:, :3] /= state.wearer.scale
+        columns = self._index.history(self._index.features.history(history))
+        if self.query is Query.HISTORY:
+            return columns
+        return np.concatenate([columns, self._sensor_columns(state.wearer, view)])
 
     def _check(self, found: Ints[Array, "neighbours"]) -> None:
         if len(found) < 2:
@@ -154,21 +159,18 @@ class LocalRegression(TrackerMethod):
         covariance[np.diag_indices_from(covariance)] += floor**2
         return GaussianPrior(np.clip(mean, low - slack, high + slack), covariance)
 
-    def _sensor_columns(
-        self, wearer: Wearer, pose: Floats[Array, "dofs"], readings: SensorReadings
-    ) -> Floats[Array, "columns"]:
-        """Projected sensor features; what a sensor does not say is what the given pose predicts of it."""
-        view = measured_view(readings, wearer.mount, wearer.points, _view(wearer, pose))
+    def _sensor_columns(self, wearer: Wearer, view: BoneView) -> Floats[Array, "columns"]:
+        """Projected sensor features of a view."""
         return self._index.sensors(self._index.features.sensors(view.points / wearer.scale, view.rotations))
 
     def first_prior(self, wearer: Wearer, readings: SensorReadings) -> GaussianPrior:
         """See `TrackerMethod.first_prior`: the neighbours by the sensors alone, put where the sensors are."""
         standing = standing_pose(wearer, readings)
-        columns = self._sensor_columns(wearer, standing, readings)
+        target = view_of(wearer, readings, standing)
+        columns = self._sensor_columns(wearer, target)
         found, distances = self._index.search_sensors(columns, self.neighbours.neighbours, self._exclusion)
         self._check(found)
-        target = measured_view(readings, wearer.mount, wearer.points, _view(wearer, standing))
-        poses = np.stack([self._placed(wearer, row, target, standing) for row in self._index.rows[found]])
+        poses = np.stack([self._placed(wearer, int(row), target, standing) for row in self._index.rows[found]])
         weights = np.exp(-0.5 * (distances - distances.min()) / (float(distances.mean()) + 1e-12))
         weights /= weights.sum()
         mean = weights @ poses
@@ -181,7 +183,7 @@ class LocalRegression(TrackerMethod):
         """A library pose on the wearer, its reference bone above the target's ground point and along its heading."""
         q = self._poses[row].astype(np.float64)
         q[:3] *= wearer.scale
-        own, sensor = _view(wearer, q), wearer.reference
+        own, sensor = predicted_view(wearer, q), wearer.reference
         heading = float(heading_angle(quat_from_matrix(own.rotations[sensor])))
         wanted = float(heading_angle(quat_from_matrix(target.rotations[sensor])))
         out = np.empty_like(q)
@@ -191,16 +193,3 @@ class LocalRegression(TrackerMethod):
         out[2] += target.points[sensor, 2]
         out[3:] = nearest_branch(out[3:].reshape(-1, 3), reference[3:].reshape(-1, 3)).ravel()
         return out
-
-
-class NearestExample(LocalRegression):
-    """The nearest moment's pose as the prior: what the library alone would say, bent to the sensors."""
-
-    def __init__(
-        self, library: MotionLibrary, layout: SensorLayout, allowed: Bools[Array, "poses"] | None = None
-    ) -> None:
-        super().__init__(library, layout, NearestPose(), allowed=allowed)
-
-
-def _view(wearer: Wearer, pose: Floats[Array, "dofs"]) -> BoneView:
-    return predicted_view(forward_kinematics(wearer.skeleton, pose), wearer.mount, wearer.points)

@@ -1,26 +1,13 @@
 """What trackers say of the bones that carry them."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats
+from poseloom.methods.trackers.state import BoneView, TrackerSettings, Wearer
 from poseloom.rotations import matrix_from_quat
 from poseloom.sensors import Sample
-from poseloom.skeleton.kinematics import BoneFrames
-from poseloom.solve import SensorMount, SensorReadings
-
-
-class BoneView(NamedTuple):
-    """Rotations of the sensors' bones, and the places of given points on them, in one frame of reference.
-
-    Attributes:
-        points: Metres.
-        rotations: Bone rotations.
-    """
-
-    points: Floats[Array, "sensors 3"]
-    rotations: Floats[Array, "sensors 3 3"]
+from poseloom.skeleton.kinematics import forward_kinematics
+from poseloom.solve import SensorReadings
 
 
 def observe(sample: Sample, sigmas: Floats[Array, "sensors 2"]) -> SensorReadings:
@@ -42,19 +29,43 @@ def heard(readings: SensorReadings) -> Bools[Array, "sensors 2"]:
     return np.stack([np.isfinite(readings.positions[:, 0]), np.isfinite(readings.rotations[:, 0, 0])], axis=1)
 
 
-def predicted_view(frames: BoneFrames, mount: SensorMount, points: Floats[Array, "sensors 3"]) -> BoneView:
-    """Where a pose puts the points on the sensors' bones."""
-    rotations = frames.rotations[mount.bones]
-    return BoneView(frames.positions[mount.bones] + np.einsum("sab,sb->sa", rotations, points), rotations)
+def predicted_view(wearer: Wearer, q: Floats[Array, "dofs"]) -> BoneView:
+    """Where a pose puts the features' points on the sensors' bones."""
+    frames = forward_kinematics(wearer.skeleton, q)
+    rotations = frames.rotations[wearer.mount.bones]
+    return BoneView(frames.positions[wearer.mount.bones] + _turn(rotations, wearer.points), rotations)
 
 
-def measured_view(
-    readings: SensorReadings, mount: SensorMount, points: Floats[Array, "sensors 3"], fallback: BoneView
-) -> BoneView:
-    """Where the sensors put the points on their bones; what a sensor does not say is taken from the fallback."""
+def view_of(wearer: Wearer, readings: SensorReadings, q: Floats[Array, "dofs"]) -> BoneView:
+    """Where the sensors put the features' points; what one does not say is taken from the pose."""
+    fallback = predicted_view(wearer, q)
     said = heard(readings)
-    rotations = np.where(
-        said[:, 1, None, None], readings.rotations @ np.swapaxes(mount.R_bone_sensor, -1, -2), fallback.rotations
-    )
-    arms = np.einsum("sab,sb->sa", rotations, mount.p_bone_sensor - points)
+    mount = wearer.mount
+    measured = readings.rotations @ np.swapaxes(mount.R_bone_sensor, -1, -2)
+    rotations = np.where(said[:, 1, None, None], measured, fallback.rotations)
+    arms = _turn(rotations, mount.p_bone_sensor - wearer.points)
     return BoneView(np.where(said[:, :1], readings.positions - arms, fallback.points), rotations)
+
+
+def plausible_view(
+    wearer: Wearer, readings: SensorReadings, newest: Floats[Array, "dofs"], settings: TrackerSettings
+) -> BoneView:
+    """`view_of`, without the few sensors that are farther from the newest pose than anybody moves in one sample.
+
+    Where most are far off it is the pose that is wrong, and all are heard.
+    """
+    expected = predicted_view(wearer, newest)
+    measured = view_of(wearer, readings, newest)
+    jumps = np.linalg.norm(measured.points - expected.points, axis=1)
+    cosines = 0.5 * (np.einsum("sab,sab->s", measured.rotations, expected.rotations) - 1.0)
+    near = (jumps < settings.step_position) & (cosines > np.cos(settings.step_orientation))
+    if near.all() or 2 * near.sum() <= len(near):
+        return measured
+    return BoneView(
+        np.where(near[:, None], measured.points, expected.points),
+        np.where(near[:, None, None], measured.rotations, expected.rotations),
+    )
+
+
+def _turn(rotations: Floats[Array, "sensors 3 3"], vectors: Floats[Array, "sensors 3"]) -> Floats[Array, "sensors 3"]:
+    return (rotations @ vectors[:, :, None])[:, :, 0]

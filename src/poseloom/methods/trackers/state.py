@@ -1,6 +1,7 @@
 """Parameters and state that all tracker methods share."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,22 +15,39 @@ class TrackerSettings:
     """What every tracker method needs to know.
 
     Attributes:
-        sigma_position: Trust in a tracker's position, metres.
-        sigma_orientation: Trust in a tracker's orientation, radians.
+        sigma_position: Standard deviation of a tracker's position, metres.
+        sigma_orientation: Standard deviation of a tracker's orientation, radians.
         solver: How the pose is solved for.
         lost_after: Seconds of silence of all sensors after which the pose means little.
+        step_position: Metres that a tracker may plausibly be away from where the newest pose puts it; a few that are
+            farther off are not used to search for neighbours.
+        step_orientation: The same for its orientation, radians.
         misfit_position: Metres by which the median tracker may miss its solved place before the pose counts as astray.
         misfit_orientation: The same for its orientation, radians.
         misfit_frames: Astray frames in a row after which the search starts anew from the sensors alone.
     """
 
-    sigma_position: float = 0.005
-    sigma_orientation: float = np.deg2rad(1.0)
+    sigma_position: float = 0.003
+    sigma_orientation: float = np.deg2rad(0.5)
     solver: SolverSettings = field(default_factory=SolverSettings)
     lost_after: float = 2.0
+    step_position: float = 0.2
+    step_orientation: float = np.deg2rad(60.0)
     misfit_position: float = 0.05
     misfit_orientation: float = np.deg2rad(12.0)
     misfit_frames: int = 8
+
+
+class BoneView(NamedTuple):
+    """Where sensors' bones are: rotations, and the places of the features' points on them.
+
+    Attributes:
+        points: Metres.
+        rotations: Bone rotations.
+    """
+
+    points: Floats[Array, "sensors 3"]
+    rotations: Floats[Array, "sensors 3 3"]
 
 
 @dataclass(frozen=True, eq=False)
