@@ -215,7 +215,9 @@ def test_another_folder_or_library_is_not_overwritten(mine: Path, moves: Path, t
 
 def test_adding_keeps_what_was_there(mine: Path, built: Path, tmp_path: Path) -> None:
     before = open_library(mine)
-    report = add_to_library(mine, [put(tmp_path / "more", "walk", "jump"), "samples"], exclude=["samples/[!w]*"])
+    report = add_to_library(
+        mine, [put(tmp_path / "more", "walk", "jump"), "samples"], exclude=["samples/[!w]*"], workers=1
+    )
     after = open_library(mine, verify=True)
     assert after.clips[: len(before.clips)] == before.clips
     np.testing.assert_array_equal(after.poses[: len(before)], before.poses)
@@ -242,6 +244,19 @@ def test_two_writers_do_not_meet(mine: Path, tmp_path: Path) -> None:
     with writing(mine), pytest.raises(LibraryError, match="another process is writing"):
         add_to_library(mine, [put(tmp_path / "more", "jump")], workers=1)
     add_to_library(mine, [tmp_path / "more"], workers=1)
+
+
+def test_an_addition_while_a_library_is_opened_is_waited_out(mine: Path, tmp_path: Path, monkeypatch) -> None:
+    read, more = store.read_header, put(tmp_path / "more", "jump")
+
+    def read_then_add(folder: Path) -> store.Header:
+        header = read(folder)
+        monkeypatch.setattr(store, "read_header", read)
+        add_to_library(folder, [more], workers=1)
+        return header
+
+    monkeypatch.setattr(store, "read_header", read_then_add)
+    assert len(open_library(mine).clips) == 8
 
 
 def test_what_killed_writers_left_is_cleared_away(mine: Path, moves: Path, tmp_path: Path) -> None:
@@ -369,14 +384,17 @@ def test_where_nothing_can_be_written_an_index_is_made_for_the_process(mine: Pat
     assert not moments_folder(generation(mine), FeatureSettings(history=2)).exists()
 
 
-def test_clips_too_short_for_a_moment_can_be_held(tmp_path: Path) -> None:
-    motion = sample_motions()["walk"].cut(0, 12)
+def test_clips_too_short_for_a_moment_can_be_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from poseloom.library import build
+
+    long_memory = FeatureSettings(history=20)
+    monkeypatch.setattr(build, "six_trackers", lambda: long_memory)
     source = tmp_path / "moves"
     source.mkdir()
-    write_motion(motion, source / "step.npz")
+    write_motion(sample_motions()["walk"].cut(0, 15), source / "step.npz")
     build_library([source], tmp_path / "library", workers=1)
     with pytest.raises(LibraryError, match="no moment to search for"):
-        open_library(tmp_path / "library").moments(six_trackers())
+        open_library(tmp_path / "library").moments(long_memory)
 
 
 # Masks

@@ -29,6 +29,8 @@ def root(tmp_path: Path) -> Path:
         "a/02.asf": "",
         "a/readme.txt": "hello",
         "b/walk.BVH": BVH,
+        "b/walk.json": DEEPMIMIC,
+        "c/jump_high2.csv": TABLE,
         "b/deep.txt": DEEPMIMIC,
         "b/table.csv": TABLE,
         "b/notes.json": '{"a": 1}',
@@ -60,6 +62,7 @@ def test_motions_are_found_in_a_fixed_order_and_the_rest_is_accounted_for(root: 
         "mocap/b/own.npz",
         "mocap/b/table.csv",
         "mocap/b/walk.BVH",
+        "mocap/b/walk.json",
         "mocap/c/jump_high2.bvh",
     ]
     assert {entry.source.removeprefix("mocap/"): entry.kind for entry in found.aside} == {
@@ -68,6 +71,7 @@ def test_motions_are_found_in_a_fixed_order_and_the_rest_is_accounted_for(root: 
         "b/notes.json": SkipKind.COMPANION,
         "b/skeleton.json": SkipKind.COMPANION,
         "b/take.c3d": SkipKind.UNREADABLE,
+        "c/jump_high2.csv": SkipKind.COMPANION,
     }
 
 
@@ -91,7 +95,7 @@ def test_a_table_overrides_what_names_tell(root: Path) -> None:
 
 def test_what_is_excluded_is_left_out(root: Path) -> None:
     assert names(find_sources([root], Selection(exclude=("b", "*high*")))) == ["mocap/a/02_01.amc"]
-    with pytest.raises(LibraryError, match="6 were found and all are excluded"):
+    with pytest.raises(LibraryError, match="7 were found and all are excluded"):
         find_sources([root], Selection(exclude=("mocap",)))
 
 

@@ -9,7 +9,7 @@ from functools import cache, partial
 from pathlib import Path, PurePosixPath
 
 from poseloom.errors import FormatError, LibraryError
-from poseloom.formats import is_motion_file, motion_suffixes
+from poseloom.formats import format_name, is_motion_file, motion_suffixes
 from poseloom.formats.asf_amc import find_asf
 from poseloom.library.catalogue import SkipKind, Skipped
 from poseloom.library.naming import describe
@@ -177,9 +177,15 @@ def _companion_reason(path: Path, certain: set[str]) -> str:
         return "describes the motions beside it"
     if path.stem.lower() in _COMPANION_STEMS:
         return "a document"
-    if path.stem in certain:
+    motion = is_motion_file(path)
+    if path.stem in certain and not (motion and _can_stand_alone(path)):
         return "labels of the motion of the same name"
-    return "" if is_motion_file(path) else "by its beginning, no motion"
+    return "" if motion else "by its beginning, no motion"
+
+
+def _can_stand_alone(path: Path) -> bool:
+    """Whether a file of numbers is more than a table beside a motion: it has a skeleton."""
+    return format_name(path) != "exponential-map CSV" or _has_skeleton_above(path.parent)
 
 
 def _source(
