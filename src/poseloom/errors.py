@@ -1,7 +1,7 @@
 """The one family of exceptions that poseloom raises on purpose.
 
-Every message tells the fact, the cause and the remedy, and carries the file, line, channel, joint or frame where there is
-one. The command line prints it without a traceback and exits with code 2.
+Every message tells the fact, the cause and the remedy, and carries the file, line, channel, joint or frame where there
+is one. The command line prints it without a traceback and exits with code 2.
 """
 
 from collections.abc import Iterable

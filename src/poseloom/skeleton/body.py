@@ -98,7 +98,7 @@ def mirror_bones() -> tuple[int, ...]:
 
 @cache
 def moving_dofs() -> Bools[Array, "dofs"]:
-    """Which pose-vector entries are moving angles, for `joint_angle_deg`: no root place, no toes, no hinge's still axes.
+    """Which pose-vector entries are moving angles, for `joint_angle_deg`: no root place, toes or hinge's still axes.
 
     Knees bend about X only; elbows bend (Y) and roll (X). Counting axes that never move would flatter every method.
     """

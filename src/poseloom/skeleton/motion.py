@@ -77,13 +77,13 @@ def make_motion(
     """Checks and freezes a motion.
 
     Raises:
-        PoseloomError: for no frames, a wrong number of columns, numbers that are not finite, or a rate that is not positive.
+        PoseloomError: for no frames, a wrong number of columns, numbers that are not finite, or a rate not positive.
     """
     values = frozen_float(q)
     what = f"motion {name!r}" if name else "the motion"
     if values.ndim != 2 or values.shape[1] != skeleton.size:
         raise PoseloomError(
-            f"{what} has shape {values.shape}, but its skeleton of {len(skeleton)} joints needs {skeleton.size} columns",
+            f"{what} has shape {values.shape}, but a skeleton of {len(skeleton)} joints needs {skeleton.size} columns",
             remedy="Give one row a frame: root position and rotation vector, then one rotation vector a joint",
         )
     if len(values) == 0:
