@@ -28,12 +28,12 @@ def reconstruct_recording(
     """Reconstruct the full-body motion of a recording."""
     from rich.console import Console
 
-    from poseloom.formats import motion_suffixes, write_motion
+    from poseloom.formats import writable_suffixes, write_motion
     from poseloom.formats.recording import read_recording
     from poseloom.library import open_library
     from poseloom.methods import make_method, needs_library, reconstruct
 
-    _check_output(output, motion_suffixes())
+    _check_output(output, writable_suffixes())
     wanted = needs_library(method)
     heard = read_recording(recording)
     opened = open_library(library) if wanted and library is not None else None
