@@ -93,8 +93,8 @@ def fit_body_size(bodies: Sequence[Skeleton], components: int = DEFAULT_COMPONEN
     """Learns mean and principal components from people's bodies.
 
     Each number of a bone vector is first cut off at 2.5 robust standard deviations from its median (winsorised), so
-    that a body with one mismeasured bone still serves for the others. Components are those of the vectors in metres, each
-    bone once (not once a side).
+    that a body with one mismeasured bone still serves for the others. Components are those of the vectors in metres,
+    each bone once (not once a side).
 
     Args:
         bodies: On the body's 22 bones.

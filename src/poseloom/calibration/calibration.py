@@ -146,10 +146,10 @@ def apply_calibration(recording: Recording, calibration: Calibration) -> Recordi
             remedy="Calibrate with the sensors that the recording has",
         )
     for sensor in recording.layout.sensors:
-        if known[sensor.name].bone != sensor.bone:
+        calibrated = known[sensor.name].bone
+        if calibrated != sensor.bone:
             raise SensorError(
-                f"sensor {sensor.name!r} is worn on {sensor.bone} in the recording, and on {known[sensor.name].bone} in "
-                "the calibration",
+                f"sensor {sensor.name!r} is worn on {sensor.bone} in the recording, on {calibrated} in the calibration",
                 remedy="Calibrate as the sensors are worn",
             )
     placements = tuple(known[name] for name in recording.layout.names)

@@ -1,7 +1,7 @@
 """The eight poses that a person holds for calibration.
 
 They were chosen among combinations of what arms, legs, trunk and head can easily do, for a small posterior standard
-deviation of bone lengths and placements (docs/calibration.md). What counts: hands that bend at the wrist and a head that
+deviation of bone lengths and placements (docs/calibration.md). What counts: hands that bend at the wrist, a head that
 moves against the neck, or a sensor's place cannot be told from a bone's length; knees that bend on both sides; feet on
 the floor.
 """
@@ -46,7 +46,7 @@ def _both(bone: str, x: float, y: float, z: float) -> Angles:
 
 
 def _arms(upper: tuple[float, float, float], elbow: float = 0.0, wrist: float = 0.0) -> Angles:
-    """Both arms: upper arms as turned, elbows bent, hands bent back (positive) or down at the wrists."""
+    """Both arms: upper arms as turned, elbows bent, hands bent to their backs (positive) or palms."""
     return {**_both("UpperArm", *upper), **_both("LowerArm", 0.0, -elbow, 0.0), **_both("Hand", 0.0, 0.0, wrist)}
 
 
@@ -61,7 +61,7 @@ def _raised(side: str) -> Angles:
 
 _CHIN_OUT, _CHIN_IN = _head(35.0, -35.0), _head(-25.0, 25.0)
 _LOOK_DOWN, _LOOK_UP = _head(25.0, 20.0), _head(-25.0, -20.0)
-_ON_SHOULDERS = (0.0, 0.0, -20.0)
+_FOLDED = (0.0, 0.0, -20.0)
 _AT_SIDES = (0.0, 0.0, -80.0)
 _WIDE = {**_both("UpperLeg", 0.0, 0.0, 28.0), **_both("Foot", 0.0, 0.0, -28.0)}
 _SQUAT = {**_both("UpperLeg", -70.0, 0.0, 0.0), **_both("LowerLeg", 95.0, 0.0, 0.0), **_both("Foot", -25.0, 0.0, 0.0)}
@@ -89,29 +89,29 @@ _POSES: tuple[tuple[str, str, str, Angles], ...] = (
     (
         "left-heel",
         "Left heel up",
-        "Stand on your right leg, left heel up behind you. Upper arms out, hands at your shoulders, wrists bent inward. "
-        "Look down.",
-        {**_arms(_ON_SHOULDERS, 135.0, -60.0), "leftLowerLeg": (90.0, 0.0, 0.0), **_LOOK_DOWN},
+        "Stand on your right leg, left heel up behind you. Upper arms out to the sides, forearms folded in front, "
+        "hands hanging down from the wrists. Look down.",
+        {**_arms(_FOLDED, 135.0, -60.0), "leftLowerLeg": (90.0, 0.0, 0.0), **_LOOK_DOWN},
     ),
     (
         "right-heel",
         "Right heel up",
-        "Stand on your left leg, right heel up behind you. Upper arms out, hands at your shoulders, wrists straight. "
-        "Push your chin forward.",
-        {**_arms(_ON_SHOULDERS, 135.0), "rightLowerLeg": (90.0, 0.0, 0.0), **_CHIN_OUT},
+        "Stand on your left leg, right heel up behind you. Upper arms out to the sides, forearms folded in front, "
+        "wrists straight, palms down. Push your chin forward.",
+        {**_arms(_FOLDED, 135.0), "rightLowerLeg": (90.0, 0.0, 0.0), **_CHIN_OUT},
     ),
     (
         "left-knee",
         "Left knee up",
-        "Raise your left knee until the thigh is level. Elbows at your sides, forearms forward, hands bent up at the "
-        "wrists. Look up.",
+        "Raise your left knee until the thigh is level. Elbows at your sides, forearms forward, palms facing each "
+        "other, hands bent outward at the wrists. Look up.",
         {**_arms(_AT_SIDES, 90.0, 65.0), **_raised("left"), **_LOOK_UP},
     ),
     (
         "right-knee",
         "Right knee up",
-        "Raise your right knee until the thigh is level. Elbows at your sides, forearms forward, hands straight. Push "
-        "your chin forward.",
+        "Raise your right knee until the thigh is level. Elbows at your sides, forearms forward, palms facing each "
+        "other, hands straight. Push your chin forward.",
         {**_arms(_AT_SIDES, 90.0), **_raised("right"), **_CHIN_OUT},
     ),
     (
@@ -123,8 +123,8 @@ _POSES: tuple[tuple[str, str, str, Angles], ...] = (
     (
         "lunge",
         "Lunge",
-        "A long step forward with the left foot, left knee bent. Arms straight out to the sides, hands hanging from the "
-        "wrists. Push your chin forward.",
+        "A long step forward with the left foot, left knee bent. Arms straight out to the sides, hands hanging "
+        "from the wrists. Push your chin forward.",
         {**_arms((0.0, 0.0, 0.0), wrist=-65.0), **_LUNGE, **_CHIN_OUT},
     ),
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Looking at a calibration session before anything is solved: units, axes, silent, stuck and exchanged sensors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -8,9 +8,10 @@ from poseloom.arrays import Array, Floats, Ints
 from poseloom.calibration.calibration import Level, Verdict
 from poseloom.calibration.holds import all_orders, match_in_order, pose_costs
 from poseloom.calibration.poses import GuidedPose
+from poseloom.rotations import aligning_matrix
 from poseloom.sensors import Recording, default_placements, place_sensors
 from poseloom.sensors.layout import SensorLayout
-from poseloom.skeleton.body import average_body
+from poseloom.skeleton.body import MIRROR, average_body
 from poseloom.skeleton.kinematics import forward_kinematics
 
 _UNITS = (("millimetres", 1000.0), ("centimetres", 100.0), ("inches", 39.37), ("feet", 3.281))
@@ -20,8 +21,20 @@ _LARGEST_RATIO = 1.6
 _CLEARLY_BETTER = 0.8
 """Share of the cost below which another order of the sensors is believed."""
 
-_MOST_SENSORS = 7
+_CLEARLY_UP = 0.6
+"""Share of the cost below which another axis is believed to be the vertical."""
+
+_MOST_SENSORS = 6
 """Sensors above which not every order is tried, but every exchange of two."""
+
+_UPS: Mapping[str, tuple[float, float, float]] = {
+    "+Y": (0.0, 1.0, 0.0),
+    "-Y": (0.0, -1.0, 0.0),
+    "+Z": (0.0, 0.0, 1.0),
+    "-Z": (0.0, 0.0, -1.0),
+    "+X": (1.0, 0.0, 0.0),
+    "-X": (-1.0, 0.0, 0.0),
+}
 
 
 def expected_positions(layout: SensorLayout, poses: Sequence[GuidedPose]) -> Floats[Array, "poses sensors 3"]:
@@ -51,24 +64,26 @@ def unit_verdict(recording: Recording, expected: Floats[Array, "poses sensors 3"
     )
 
 
-def axis_verdict(recording: Recording, expected: Floats[Array, "poses sensors 3"]) -> Verdict | None:
-    """Whether another axis than Y points up, by where high sensors are against low ones."""
-    heights = expected[..., 1].mean(axis=0)
-    high, low = heights > np.median(heights), heights < np.median(heights)
-    with np.errstate(all="ignore"):
-        way = np.nanmedian(
-            np.nanmean(recording.positions[:, high], axis=1) - np.nanmean(recording.positions[:, low], axis=1), axis=0
-        )
-    if heights.max() - heights.min() < 0.5 or not np.isfinite(way).all():
-        return None
-    axis = int(np.abs(way).argmax())
-    if axis == 1:
+def axis_verdict(
+    measured: Floats[Array, "windows sensors 3"], expected: Floats[Array, "poses sensors 3"]
+) -> Verdict | None:
+    """Whether another axis than Y points up, by which of the six makes still moments look like poses.
+
+    Exchanges of two sensors are allowed for, lest an exchanged head and ankle pass for a person upside down.
+    """
+    orders = _exchanges(measured.shape[1])
+    fits: dict[str, float] = {}
+    for name, up in _UPS.items():
+        R_up_world = aligning_matrix(np.array(up), np.array([0.0, 1.0, 0.0]))
+        fits[name] = float(pose_costs(measured @ R_up_world.T, expected, orders).min(axis=2).mean(axis=1).min())
+    best = min(fits, key=lambda name: fits[name])
+    if best == "+Y" or fits[best] > _CLEARLY_UP * fits["+Y"]:
         return None
     return Verdict(
         Level.UNUSABLE,
         "axis",
-        f"the person stands along {'+-'[int(way[axis] < 0)]}{'XYZ'[axis]}",
-        "the coordinates' vertical is another axis than Y",
+        f"the person stands along {best}",
+        "the coordinates' vertical is not +Y",
         "Turn coordinates so that Y points up (from Z up: x, y, z becomes x, z, -y) when recording",
     )
 
@@ -105,13 +120,22 @@ def order_verdict(
     expected: Floats[Array, "poses sensors 3"],
     rounds: int,
 ) -> Verdict | None:
-    """Whether sensors are exchanged, by trying other orders of them against the whole sequence of poses."""
+    """Whether sensors are exchanged, or all is mirrored, by trying that against the whole sequence of poses."""
     orders = _orders(len(layout))
     costs = pose_costs(measured, expected, orders)
     # Most orders are hopeless whatever the sequence; only the best are matched in order.
     promising = np.argsort(costs.min(axis=2).sum(axis=1))[:24]
     totals = {int(each): match_in_order(np.tile(costs[each], (1, rounds)))[1] for each in {0, *promising.tolist()}}
     best = min(totals, key=lambda each: totals[each])
+    mirrored = match_in_order(np.tile(pose_costs(measured * MIRROR, expected)[0], (1, rounds)))[1]
+    if mirrored < min(_CLEARLY_BETTER * totals[0], totals[best]):
+        return Verdict(
+            Level.UNUSABLE,
+            "handedness",
+            "the person moves as in a mirror",
+            "the coordinates are left-handed",
+            "Turn one axis round (from x, y, z to x, y, -z, and the turns with it) when recording",
+        )
     if best == 0 or totals[best] > _CLEARLY_BETTER * totals[0]:
         return None
     moved = {layout.names[place]: layout.names[source] for place, source in enumerate(orders[best]) if place != source}
@@ -120,17 +144,18 @@ def order_verdict(
         fact = f"trackers {names[0]!r} and {names[1]!r} are exchanged"
     else:
         fact = "trackers are exchanged: " + ", ".join(f"{moved[name]!r} is worn as {name!r}" for name in names)
-    mirrored = all(a.replace("left", "right") == b.replace("left", "right") for a, b in moved.items())
-    every_side = len(names) == sum(name.startswith(("left", "right")) for name in layout.names)
     cause = "they were strapped on, or named, the other way round"
-    if mirrored and every_side and len(names) > 2:
-        cause += ", or the coordinates are left-handed"
     return Verdict(Level.UNUSABLE, "swapped", fact, cause, "Exchange them (or their names) and hold the poses again")
 
 
 def _orders(sensors: int) -> list[tuple[int, ...]]:
-    if sensors <= _MOST_SENSORS - 1:
+    if sensors <= _MOST_SENSORS:
         return all_orders(sensors)
+    return _exchanges(sensors)
+
+
+def _exchanges(sensors: int) -> list[tuple[int, ...]]:
+    """The order as it should be, then every exchange of two."""
     same = tuple(range(sensors))
     swaps = [same]
     for a in range(sensors):

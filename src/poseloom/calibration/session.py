@@ -139,9 +139,9 @@ def _screen(recording: Recording, rounds: int | None) -> tuple[_Session, list[Ve
         )
     guide = guided_poses()
     expected = expected_positions(layout, guide)
-    for verdict in (unit_verdict(recording, expected), axis_verdict(recording, expected)):
-        if verdict is not None:
-            raise verdict.error()
+    unit = unit_verdict(recording, expected)
+    if unit is not None:
+        raise unit.error()
     still = still_readings(recording)
     if len(still.windows) < _LEAST_HOLDS:
         raise SensorError(
@@ -149,6 +149,9 @@ def _screen(recording: Recording, rounds: int | None) -> tuple[_Session, list[Ve
             cause="the poses were held too briefly or not still, or this is no recording of a guided session",
             remedy="Hold each pose for two to three seconds, as the page of `poseloom calibrate --guide` leads",
         )
+    axis = axis_verdict(still.positions, expected)
+    if axis is not None:
+        raise axis.error()
     stated = recording.settings.get(ROUNDS_SETTING, "")
     times = rounds or (int(stated) if stated.isdigit() else 0) or max(1, round(len(still.windows) / len(guide)))
     swapped = order_verdict(layout, still.positions, expected, times)

@@ -24,6 +24,9 @@ def reconstruct_recording(
     output: Annotated[Path, typer.Option("--output", "-o", help="The motion: .bvh, .glb or .npz.")],
     method: Annotated[str, typer.Option("--method", "-m", help="How; see `poseloom methods`.")] = "local-gaussian",
     library: Annotated[Path | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option("--calibration", "-c", help="Sizes and placements, from `poseloom calibrate`.")
+    ] = None,
 ) -> None:
     """Reconstruct the full-body motion of a recording."""
     from rich.console import Console
@@ -36,6 +39,10 @@ def reconstruct_recording(
     _check_output(output, writable_suffixes())
     wanted = needs_library(method)
     heard = read_recording(recording)
+    if calibration is not None:
+        from poseloom.calibration.calibration import apply_calibration, read_calibration
+
+        heard = apply_calibration(heard, read_calibration(calibration))
     opened = open_library(library) if wanted and library is not None else None
     chosen = make_method(method, heard.layout, opened)
     with progress_bars() as show:
