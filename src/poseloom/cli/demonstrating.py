@@ -43,8 +43,10 @@ def demo(
     from poseloom.evaluation.cases import Conditions, case_of_motion
     from poseloom.evaluation.experiment import Experiment, evaluate
     from poseloom.formats import write_motion
+    from poseloom.formats.atomic import atomic_file
     from poseloom.methods import DEFAULT_METHOD
     from poseloom.report.evaluation import write_evaluation_report
+    from poseloom.report.strip import sequence_strip
 
     out.mkdir(parents=True, exist_ok=True)
     with progress_bars() as show:
@@ -63,6 +65,8 @@ def demo(
     )
     title = f"{stem}: full-body motion from six trackers"
     write_evaluation_report(out / "report.html", evaluation, title, (story,))
+    with atomic_file(out / f"{stem}.svg") as part:
+        part.write_text(sequence_strip(evaluation.sequences[0]), encoding="utf-8")
     console = Console()
     console.print(evaluation_table(evaluation))
     console.print(_advice(out, stem, data), highlight=False, soft_wrap=True)
