@@ -45,6 +45,10 @@ def test_the_built_in_motions(tmp_path: Path, capfd: pytest.CaptureFixture[str])
     assert "reading motions" not in capfd.readouterr().err
     assert (out / "library" / "library.json").stat().st_mtime_ns == before
 
+    (out / "library" / "library.json").write_text("damaged", encoding="utf-8")
+    assert run(["demo", "-o", str(out)]) == 0
+    assert open_library(out / "library").mirror
+
 
 def test_motions_of_ones_own(motions: Path, capfd: pytest.CaptureFixture[str]):
     out = motions / "demo"  # within the data: what the demo makes must not become a source

@@ -1,6 +1,8 @@
 """`poseloom demo`: the whole way once, from motions on disk to a report."""
 
 import hashlib
+import shutil
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,17 +46,21 @@ def demo(
     from poseloom.evaluation.experiment import Experiment, evaluate
     from poseloom.formats import write_motion
     from poseloom.formats.atomic import atomic_file
+    from poseloom.library import SkipKind
     from poseloom.methods import DEFAULT_METHOD
     from poseloom.report.evaluation import write_evaluation_report
     from poseloom.report.strip import sequence_strip
 
     out.mkdir(parents=True, exist_ok=True)
     with progress_bars() as show:
-        library = _library(data, (*(exclude or ()), *_own_files(data, out)), out, show)
+        library, is_new = _library(data, (*(exclude or ()), *_own_files(data, out)), out, show)
         clip = choose_clip(library.clips, library.rate)
         case = case_of_motion(library.motion(clip), Conditions(), clip.name, clip.digest, clip.subject)
         methods = tuple(dict.fromkeys((DEFAULT_METHOD, *_BESIDE)))
         evaluation = evaluate([case], Experiment(methods, library.path), show)
+    for skipped in library.skipped if is_new else ():
+        if skipped.kind == SkipKind.UNREADABLE:
+            typer.echo(f"not in the library: {skipped.source}: {skipped.reason}", err=True)
     stem = Path(clip.name).name
     for suffix in (".bvh", ".glb"):
         write_motion(evaluation.sequences[0].results[0].motion, out / f"{stem}{suffix}")
@@ -94,28 +100,26 @@ def choose_clip(clips: "tuple[Clip, ...]", rate: float) -> "Clip":
     return chosen
 
 
-def _library(data: Path | None, exclude: tuple[str, ...], out: Path, show: ShowProgress) -> "MotionLibrary":
-    """The demo's library in `out`, built again if its sources are not what they were."""
-    from poseloom.library import SkipKind, build_library, open_library
+def _library(
+    data: Path | None, exclude: tuple[str, ...], out: Path, show: ShowProgress
+) -> "tuple[MotionLibrary, bool]":
+    """The demo's library in `out`, built again if its sources are not what they were, and whether it was."""
+    from poseloom.library import build_library, open_library
 
     folder, mark = out / "library", out / "library.sources"
     wanted = _fingerprint(data, exclude, out)
-    made = mark.read_text(encoding="utf-8") if mark.is_file() else ""
-    if folder.exists() and not made:
+    if folder.exists() and not mark.is_file():
         raise LibraryError(
             "this is in the way of the demo's library", remedy="Choose another folder with --out", file=folder
         )
-    if made != wanted or not folder.exists():
-        # The mark stays until the new one is there: a build that is cut off is done again, and replaces ours only.
-        sources = ["samples" if data is None else data]
-        report = build_library(
-            sources, folder, mirror=True, exclude=exclude, replace_existing=folder.exists(), progress=show
-        )
-        for each in report.skipped:
-            if each.kind == SkipKind.UNREADABLE:
-                typer.echo(f"not in the library: {each.source}: {each.reason}", err=True)
-        mark.write_text(wanted, encoding="utf-8")
-    return open_library(folder)
+    if folder.exists() and mark.read_text(encoding="utf-8") == wanted:
+        with suppress(LibraryError):  # a damaged one is ours, and made again
+            return open_library(folder), False
+    mark.write_text("unfinished", encoding="utf-8")
+    shutil.rmtree(folder, ignore_errors=True)
+    build_library(["samples" if data is None else data], folder, mirror=True, exclude=exclude, progress=show)
+    mark.write_text(wanted, encoding="utf-8")
+    return open_library(folder), True
 
 
 def _fingerprint(data: Path | None, exclude: tuple[str, ...], out: Path) -> str:
