@@ -179,7 +179,7 @@ def load_index(folder: Path) -> MomentIndex:
         stated["sensor_bones"] = tuple(stated["sensor_bones"])
         settings = FeatureSettings(**stated)
         rows = np.load(folder / "rows.npy")
-        columns = np.load(folder / "columns.npy", mmap_mode="r")
+        columns = np.asarray(np.load(folder / "columns.npy", mmap_mode="r"))
         with np.load(folder / "projection.npz") as arrays:
             history = Projection(arrays["history_mean"], arrays["history_basis"])
             sensors = Projection(arrays["sensor_mean"], arrays["sensor_basis"])

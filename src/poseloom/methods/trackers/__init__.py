@@ -2,10 +2,12 @@
 
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
 from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
+from poseloom.methods.trackers.loop import TrackerState
 from poseloom.methods.trackers.neighbours import NeighbourMethod, NeighbourSettings, Query
-from poseloom.methods.trackers.state import TrackerSettings, TrackerState
+from poseloom.methods.trackers.state import GateSettings, TrackerSettings
 
 __all__ = [
+    "GateSettings",
     "InverseKinematics",
     "LocalGaussian",
     "LocalPca",

@@ -8,36 +8,25 @@ from poseloom.arrays import Array, Floats, Floats32, Ints, compiled
 from poseloom.library._kernels import heading_of
 from poseloom.rotations._kernels import exp_matrix, log_rotation
 
-
-@compiled
-def nearest_branch_in_place(rotvec: Floats[Array, "3"], reference: Floats[Array, "3"]) -> None:
-    """Adds whole turns about the axis so that the rotation vector comes as near as can be to the reference."""
-    angle = math.sqrt(rotvec[0] ** 2 + rotvec[1] ** 2 + rotvec[2] ** 2)
-    if angle < 1e-9:
-        return
-    along = (rotvec[0] * reference[0] + rotvec[1] * reference[1] + rotvec[2] * reference[2]) / angle
-    turns = np.round((along - angle) / (2.0 * math.pi))
-    if turns != 0.0:
-        factor = 1.0 + 2.0 * math.pi * turns / angle
-        for a in range(3):
-            rotvec[a] *= factor
+_SAFE = 2.0
+"""Radians below which two rotation vectors are on each other's nearest branch, whatever their directions."""
 
 
 @compiled
-def into_heading(q: Floats[Array, "dofs"], x: float, z: float, heading: float, out: Floats[Array, "dofs"]) -> None:
-    """A pose seen from a ground point and heading (its root's rotation vector on the branch below half a turn)."""
-    turn, local = np.empty((3, 3)), np.empty((3, 3))
-    c, s = math.cos(heading), math.sin(heading)
-    out[:] = q
-    dx, dz = q[0] - x, q[2] - z
-    out[0] = c * dx - s * dz
-    out[2] = s * dx + c * dz
-    exp_matrix(float(q[3]), float(q[4]), float(q[5]), turn)
-    for b in range(3):
-        local[0, b] = c * turn[0, b] - s * turn[2, b]
-        local[1, b] = turn[1, b]
-        local[2, b] = s * turn[0, b] + c * turn[2, b]
-    log_rotation(local, out[3:6])
+def nearest_branches_in_place(q: Floats[Array, "dofs"], reference: Floats[Array, "dofs"]) -> None:
+    """Adds whole turns to a pose's rotation vectors so that they come as near as can be to the reference's."""
+    for at in range(3, q.shape[0], 3):
+        square = q[at] * q[at] + q[at + 1] * q[at + 1] + q[at + 2] * q[at + 2]
+        other = reference[at] ** 2 + reference[at + 1] ** 2 + reference[at + 2] ** 2
+        if square < 1e-18 or (square < _SAFE * _SAFE and other < 1.0):
+            continue
+        angle = math.sqrt(square)
+        along = (q[at] * reference[at] + q[at + 1] * reference[at + 1] + q[at + 2] * reference[at + 2]) / angle
+        turns = np.round((along - angle) / (2.0 * math.pi))
+        if turns != 0.0:
+            factor = 1.0 + 2.0 * math.pi * float(turns) / angle
+            for a in range(3):
+                q[at + a] *= factor
 
 
 @compiled
@@ -46,6 +35,36 @@ def root_heading(q: Floats[Array, "dofs"]) -> float:
     turn = np.empty((3, 3))
     exp_matrix(float(q[3]), float(q[4]), float(q[5]), turn)
     return heading_of(turn)
+
+
+@compiled
+def into_heading(q: Floats[Array, "dofs"], x: float, z: float, heading: float, out: Floats[Array, "dofs"]) -> None:
+    """A pose seen from a ground point and heading (its root's rotation vector on the branch below half a turn)."""
+    out[:] = q
+    _root_into_heading(q, x, z, heading, out, np.empty((3, 3)), np.empty((3, 3)))
+
+
+@compiled
+def _root_into_heading(
+    q: Floats[Array, "dofs"],
+    x: float,
+    z: float,
+    heading: float,
+    out: Floats[Array, "dofs"],
+    turn: Floats[Array, "3 3"],
+    local: Floats[Array, "3 3"],
+) -> None:
+    c, s = math.cos(heading), math.sin(heading)
+    dx, dz = q[0] - x, q[2] - z
+    out[0] = c * dx - s * dz
+    out[1] = q[1]
+    out[2] = s * dx + c * dz
+    exp_matrix(float(q[3]), float(q[4]), float(q[5]), turn)
+    for b in range(3):
+        local[0, b] = c * turn[0, b] - s * turn[2, b]
+        local[1, b] = turn[1, b]
+        local[2, b] = s * turn[0, b] + c * turn[2, b]
+    log_rotation(local, out[3:6])
 
 
 @compiled
@@ -64,19 +83,22 @@ def gather_outputs(
     to the branches of `previous`; `scale` turns the library's metres into the wearer's.
     """
     size = out.shape[1]
-    row_before, row_now, before = np.empty(size), np.empty(size), np.empty(size)
+    now, before = np.empty(size), np.empty(size)
+    turn, local = np.empty((3, 3)), np.empty((3, 3))
     for i in range(rows.shape[0]):
         for d in range(size):
-            row_before[d] = poses[rows[i] - 1, d]
-            row_now[d] = poses[rows[i], d]
-        heading = root_heading(row_before)
-        into_heading(row_before, float(row_before[0]), float(row_before[2]), heading, before)
-        into_heading(row_now, float(row_before[0]), float(row_before[2]), heading, out[i])
+            before[d] = poses[rows[i] - 1, d]
+            now[d] = poses[rows[i], d]
+            out[i, d] = now[d]
+        x, z = before[0], before[2]
+        exp_matrix(float(before[3]), float(before[4]), float(before[5]), turn)
+        heading = heading_of(turn)
+        _root_into_heading(now, x, z, heading, out[i], turn, local)
+        _root_into_heading(before, x, z, heading, before, turn, local)
         for d in range(3):
             before[d] *= scale
             out[i, d] *= scale
-        for j in range(1, size // 3):
-            nearest_branch_in_place(before[3 * j : 3 * j + 3], previous[3 * j : 3 * j + 3])
-            nearest_branch_in_place(out[i, 3 * j : 3 * j + 3], before[3 * j : 3 * j + 3])
+        nearest_branches_in_place(before, previous)
+        nearest_branches_in_place(out[i], before)
         for d in range(size):
             out[i, d] += persistence * (previous[d] - before[d])

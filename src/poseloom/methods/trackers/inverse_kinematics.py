@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from poseloom.arrays import Array, Floats
-from poseloom.methods.trackers.loop import TrackerMethod
+from poseloom.methods.trackers.loop import TrackerMethod, TrackerState
 from poseloom.methods.trackers.standing import standing_pose
-from poseloom.methods.trackers.state import BoneView, TrackerSettings, TrackerState, Wearer
+from poseloom.methods.trackers.state import BoneView, TrackerSettings, Wearer
 from poseloom.sensors import SensorLayout
 from poseloom.solve import GaussianPrior, SensorReadings
 

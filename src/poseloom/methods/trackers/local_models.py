@@ -61,7 +61,7 @@ class GaussianModel(LocalModel):
         covariance = centred.T @ centred
         variance = np.diag(covariance).copy()
         covariance *= 1.0 - self.shrinkage
-        covariance[np.diag_indices_from(covariance)] = variance
+        np.fill_diagonal(covariance, variance)
         return mean, covariance
 
 
@@ -192,8 +192,8 @@ def _kept(values: Floats[Array, "values"], energy: float) -> slice:
     """The slice of ascending eigenvalues that explains a share of their sum (never one that is nil)."""
     positive = np.maximum(values, 0.0)
     from_top = np.cumsum(positive[::-1])
-    count = int(np.searchsorted(from_top, energy * from_top[-1])) + 1
-    count = max(1, min(count, int((positive > 1e-10 * max(positive[-1], 1e-300)).sum())))
+    count = int(np.count_nonzero(from_top < energy * from_top[-1])) + 1
+    count = max(1, min(count, int(np.count_nonzero(positive > 1e-10 * positive[-1]))))
     return slice(len(values) - count, len(values))
 
 

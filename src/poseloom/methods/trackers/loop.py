@@ -11,9 +11,9 @@ from poseloom.errors import MethodError
 from poseloom.library.features import feature_points, reference_sensor
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
 from poseloom.methods.trackers import _kernels
-from poseloom.methods.trackers.observation import BoneView, heard, observe, plausible_view, turned
-from poseloom.methods.trackers.state import TrackerSettings, TrackerState, Wearer
-from poseloom.rotations import nearest_branch
+from poseloom.methods.trackers.gate import Trust, gate, take_all
+from poseloom.methods.trackers.observation import BoneView, heard, observe, predicted_view, turned, view_of
+from poseloom.methods.trackers.state import TrackerSettings, Wearer
 from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout
 from poseloom.skeleton.body import BODY_BONES, average_body
 from poseloom.skeleton.motion import Pose
@@ -23,6 +23,27 @@ from poseloom.solve import GaussianPrior, SensorReadings, Solution, mount, solve
 
 _DISBELIEVED = 0.3
 """Robust weight below which a reading counts as disbelieved."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerState:
+    """What changes from sample to sample.
+
+    Attributes:
+        wearer: What does not.
+        trust: How far each tracker is believed; None before the first has spoken.
+        history: The last solved poses in the world, newest first; fewer than asked for at the start.
+        spread: Standard deviations of the newest pose.
+        silent: Samples in a row in which no sensor spoke.
+        astray: Samples in a row in which the sensors did not fit.
+    """
+
+    wearer: Wearer
+    trust: Trust | None
+    history: Floats[Array, "moments dofs"]
+    spread: Floats[Array, "dofs"]
+    silent: int = 0
+    astray: int = 0
 
 
 @dataclass(frozen=True)
@@ -99,32 +120,33 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             feature_points(skeleton, bones),
             leg_length(skeleton) / leg_length(body),
         )
-        return TrackerState(wearer, np.empty((0, body.size)), np.zeros(body.size))
+        return TrackerState(wearer, None, np.empty((0, body.size)), np.zeros(body.size))
 
     def step(self, state: TrackerState, sample: Sample) -> tuple[TrackerState, Frame | None]:
         """See `Reconstructor.step`. No frame comes until a sensor has spoken."""
-        readings = observe(sample, self._sigmas)
-        said = heard(readings)
-        if len(state.history) == 0 or (state.astray >= self.settings.misfit_frames and said.any()):
-            if not said.any():
-                return state, None
-            solution = self._solve(state.wearer, readings, self.first_prior(state.wearer, readings))
-            q, spread = self._on_branch(state, solution.q), solution.spread
+        spoken = observe(sample, self._sigmas)
+        speaks = bool(heard(spoken).any())
+        if state.trust is None and not speaks:
+            return state, None
+        if state.trust is None or (speaks and state.astray >= self.settings.misfit_frames):
+            gated = take_all(spoken)
+            solution = self._solve(state.wearer, spoken, self.first_prior(state.wearer, spoken))
+            q = self._on_branch(state, solution.q)
             history = q[None]
         else:
-            solution, q = self._continue(state, readings)
-            spread = solution.spread
+            gated = gate(state.trust, spoken, state.wearer, state.history[0], self.settings.gate)
+            solution, q = self._continue(state, gated.readings)
             history = np.concatenate([q[None], state.history[: self.moments - 1]])
         following = TrackerState(
             state.wearer,
+            gated.trust,
             history,
-            spread,
-            0 if said.any() else state.silent + 1,
-            state.astray + 1 if self._is_astray(solution, said) else 0,
+            solution.spread,
+            0 if speaks else state.silent + 1,
+            state.astray + 1 if self._is_astray(solution, gated.taken) else 0,
         )
-        return following, Frame(
-            sample.time, Pose(state.wearer.skeleton, q), spread, self._health(following, solution, said)
-        )
+        health = self._health(following, solution, gated.taken)
+        return following, Frame(sample.time, Pose(state.wearer.skeleton, q), solution.spread, health)
 
     def _continue(self, state: TrackerState, readings: SensorReadings) -> tuple[Solution, Floats[Array, "dofs"]]:
         newest = state.history[0]
@@ -132,7 +154,7 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         previous = np.empty_like(newest)
         _kernels.into_heading(newest, view.x, view.z, view.heading, previous)
         local = turned(readings, view.x, view.z, view.heading)
-        guess = plausible_view(state.wearer, readings, newest, self.settings)
+        guess = view_of(state.wearer, readings, predicted_view(state.wearer, newest))
         solution = self._solve(state.wearer, local, self.next_prior(state, previous, guess))
         q = np.empty_like(newest)
         _kernels.into_heading(solution.q, 0.0, 0.0, -view.heading, q)
@@ -144,28 +166,26 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         return solve_pose(wearer.skeleton, wearer.mount, readings, prior, settings=self.settings.solver)
 
     def _on_branch(self, state: TrackerState, q: Floats[Array, "dofs"]) -> Floats[Array, "dofs"]:
-        """The pose with its root on the branch of the newest one's; the joints' outputs are there already."""
-        if len(state.history) == 0:
-            return q
+        """The pose with its rotation vectors on the branches of the newest one's."""
         out = q.copy()
-        for at in range(3, len(q), 3):
-            out[at : at + 3] = nearest_branch(q[at : at + 3], state.history[0, at : at + 3])
+        if len(state.history):
+            _kernels.nearest_branches_in_place(out, state.history[0])
         return out
 
     def _is_astray(self, solution: Solution, said: Bools[Array, "sensors 2"]) -> bool:
-        """Whether the median sensor that speaks is far from where the pose puts it."""
-        misses = np.linalg.norm(solution.residuals, axis=-1)
-        bounds = (self.settings.misfit_position, self.settings.misfit_orientation)
-        return any(
-            said[:, kind].any() and float(np.median(misses[said[:, kind], kind])) > bounds[kind] for kind in range(2)
-        )
+        """Whether most of the sensors that speak are far from where the pose puts them."""
+        bounds = np.array([self.settings.misfit_position, self.settings.misfit_orientation])
+        far = said & ((solution.residuals**2).sum(axis=-1) > bounds**2)
+        return bool((2 * far.sum(axis=0) > said.sum(axis=0)).any())
 
     def _health(self, state: TrackerState, solution: Solution, said: Bools[Array, "sensors 2"]) -> Health:
+        disbelieved = said & (solution.weights < _DISBELIEVED)
+        troubled = tuple(
+            sensor.name
+            for sensor, heard_of, doubtful in zip(self.layout.sensors, said, disbelieved, strict=True)
+            if doubtful.any() or not heard_of.any()
+        )
         if state.silent:
             lost = state.silent > self.settings.lost_after * self.layout.rate
-            return Health(HealthState.LOST if lost else HealthState.COASTING, self._names(~said.any(axis=1)))
-        troubled = ~said.any(axis=1) | (said & (solution.weights < _DISBELIEVED)).any(axis=1)
-        return Health(HealthState.DEGRADED if troubled.any() else HealthState.OK, self._names(troubled))
-
-    def _names(self, chosen: Bools[Array, "sensors"]) -> tuple[str, ...]:
-        return tuple(sensor.name for sensor, yes in zip(self.layout.sensors, chosen, strict=True) if yes)
+            return Health(HealthState.LOST if lost else HealthState.COASTING, troubled)
+        return Health(HealthState.DEGRADED if troubled else HealthState.OK, troubled)

@@ -13,10 +13,10 @@ from poseloom.library.features import FeatureSettings
 from poseloom.library.index import Exclusion, MomentIndex
 from poseloom.methods.trackers import _kernels
 from poseloom.methods.trackers.local_models import GaussianModel, LocalModel, Neighbourhood
-from poseloom.methods.trackers.loop import TrackerMethod
+from poseloom.methods.trackers.loop import TrackerMethod, TrackerState
 from poseloom.methods.trackers.observation import predicted_view, view_of
 from poseloom.methods.trackers.standing import standing_pose
-from poseloom.methods.trackers.state import BoneView, TrackerSettings, TrackerState, Wearer
+from poseloom.methods.trackers.state import BoneView, TrackerSettings, Wearer
 from poseloom.rotations import heading_angle, nearest_branch, quat_from_matrix
 from poseloom.sensors import SensorLayout
 from poseloom.solve import GaussianPrior, SensorReadings
@@ -126,8 +126,8 @@ class NeighbourMethod(TrackerMethod):
 
     def _query(self, state: TrackerState, view: BoneView) -> Floats[Array, "columns"]:
         """Projected features of the present moment; at the start the oldest pose stands for those before it."""
-        lacking = self.moments - len(state.history)
-        history = np.concatenate([state.history, np.repeat(state.history[-1:], lacking, axis=0)])
+        history = state.history[: self.moments]
+        history = np.concatenate([history, np.repeat(history[-1:], self.moments - len(history), axis=0)])
         history[:, :3] /= state.wearer.scale
         columns = self._index.history(self._index.features.history(history))
         if self.query is Query.HISTORY:
@@ -156,8 +156,7 @@ class NeighbourMethod(TrackerMethod):
         slack = self.neighbours.margin * (high - low)
         floor = np.full(len(mean), self.neighbours.angle_floor)
         floor[:3] = self.neighbours.place_floor
-        covariance[np.diag_indices_from(covariance)] += floor**2
-        return GaussianPrior(np.clip(mean, low - slack, high + slack), covariance)
+        return GaussianPrior(np.clip(mean, low - slack, high + slack), covariance + np.diag(floor**2))
 
     def _sensor_columns(self, wearer: Wearer, view: BoneView) -> Floats[Array, "columns"]:
         """Projected sensor features of a view."""
@@ -166,7 +165,7 @@ class NeighbourMethod(TrackerMethod):
     def first_prior(self, wearer: Wearer, readings: SensorReadings) -> GaussianPrior:
         """See `TrackerMethod.first_prior`: the neighbours by the sensors alone, put where the sensors are."""
         standing = standing_pose(wearer, readings)
-        target = view_of(wearer, readings, standing)
+        target = view_of(wearer, readings, predicted_view(wearer, standing))
         columns = self._sensor_columns(wearer, target)
         found, distances = self._index.search_sensors(columns, self.neighbours.neighbours, self._exclusion)
         self._check(found)

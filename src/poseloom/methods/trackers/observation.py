@@ -3,7 +3,7 @@
 import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats
-from poseloom.methods.trackers.state import BoneView, TrackerSettings, Wearer
+from poseloom.methods.trackers.state import BoneView, Wearer
 from poseloom.rotations import matrix_from_quat
 from poseloom.sensors import Sample
 from poseloom.skeleton.kinematics import forward_kinematics
@@ -36,35 +36,14 @@ def predicted_view(wearer: Wearer, q: Floats[Array, "dofs"]) -> BoneView:
     return BoneView(frames.positions[wearer.mount.bones] + _turn(rotations, wearer.points), rotations)
 
 
-def view_of(wearer: Wearer, readings: SensorReadings, q: Floats[Array, "dofs"]) -> BoneView:
-    """Where the sensors put the features' points; what one does not say is taken from the pose."""
-    fallback = predicted_view(wearer, q)
+def view_of(wearer: Wearer, readings: SensorReadings, fallback: BoneView) -> BoneView:
+    """Where the sensors put the features' points; what one does not say is taken from the fallback."""
     said = heard(readings)
     mount = wearer.mount
     measured = readings.rotations @ np.swapaxes(mount.R_bone_sensor, -1, -2)
     rotations = np.where(said[:, 1, None, None], measured, fallback.rotations)
     arms = _turn(rotations, mount.p_bone_sensor - wearer.points)
     return BoneView(np.where(said[:, :1], readings.positions - arms, fallback.points), rotations)
-
-
-def plausible_view(
-    wearer: Wearer, readings: SensorReadings, newest: Floats[Array, "dofs"], settings: TrackerSettings
-) -> BoneView:
-    """`view_of`, without the few sensors that are farther from the newest pose than anybody moves in one sample.
-
-    Where most are far off it is the pose that is wrong, and all are heard.
-    """
-    expected = predicted_view(wearer, newest)
-    measured = view_of(wearer, readings, newest)
-    jumps = np.linalg.norm(measured.points - expected.points, axis=1)
-    cosines = 0.5 * (np.einsum("sab,sab->s", measured.rotations, expected.rotations) - 1.0)
-    near = (jumps < settings.step_position) & (cosines > np.cos(settings.step_orientation))
-    if near.all() or 2 * near.sum() <= len(near):
-        return measured
-    return BoneView(
-        np.where(near[:, None], measured.points, expected.points),
-        np.where(near[:, None, None], measured.rotations, expected.rotations),
-    )
 
 
 def _turn(rotations: Floats[Array, "sensors 3 3"], vectors: Floats[Array, "sensors 3"]) -> Floats[Array, "sensors 3"]:

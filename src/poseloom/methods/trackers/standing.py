@@ -38,7 +38,7 @@ def sensors_heading(wearer: Wearer, readings: SensorReadings) -> float:
         if said[sensor, 1]:
             turn = readings.rotations[sensor] @ wearer.mount.R_bone_sensor[sensor].T
             return float(heading_angle(quat_from_matrix(turn)))
-    sides = [_side(BODY_BONES[bone]) if said[s, 0] else 0 for s, bone in enumerate(wearer.mount.bones.tolist())]
+    sides = [_side(BODY_BONES[int(bone)]) if said[s, 0] else 0 for s, bone in enumerate(wearer.mount.bones)]
     if 1 in sides and -1 in sides:
         left = readings.positions[[s for s, side in enumerate(sides) if side == 1]].mean(axis=0)
         right = readings.positions[[s for s, side in enumerate(sides) if side == -1]].mean(axis=0)

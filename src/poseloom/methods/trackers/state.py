@@ -11,6 +11,30 @@ from poseloom.solve import SensorMount, SolverSettings
 
 
 @dataclass(frozen=True)
+class GateSettings:
+    """When a tracker's word is doubted, and how it is taken up again.
+
+    Attributes:
+        step_position: Metres that a tracker may be away from where its own movement leads to.
+        step_orientation: The same for its orientation, radians.
+        patience: Samples in a row for which a tracker that is farther off is not heard.
+        fading: Share of the difference that is left a sample after a tracker came back.
+        hold_position: Metres of standard deviation, times the samples it is missing, with which a lost tracker is held
+            where the pose carries it.
+        hold_orientation: The same for its orientation, radians.
+        hold_samples: Samples after which it is let go.
+    """
+
+    step_position: float = 0.15
+    step_orientation: float = np.deg2rad(50.0)
+    patience: int = 4
+    fading: float = 0.8
+    hold_position: float = 0.02
+    hold_orientation: float = np.deg2rad(5.0)
+    hold_samples: int = 40
+
+
+@dataclass(frozen=True)
 class TrackerSettings:
     """What every tracker method needs to know.
 
@@ -18,21 +42,18 @@ class TrackerSettings:
         sigma_position: Standard deviation of a tracker's position, metres.
         sigma_orientation: Standard deviation of a tracker's orientation, radians.
         solver: How the pose is solved for.
+        gate: When a tracker is doubted.
         lost_after: Seconds of silence of all sensors after which the pose means little.
-        step_position: Metres that a tracker may plausibly be away from where the newest pose puts it; a few that are
-            farther off are not used to search for neighbours.
-        step_orientation: The same for its orientation, radians.
-        misfit_position: Metres by which the median tracker may miss its solved place before the pose counts as astray.
-        misfit_orientation: The same for its orientation, radians.
+        misfit_position: Metres by which most trackers may miss their solved places before the pose counts as astray.
+        misfit_orientation: The same for their orientations, radians.
         misfit_frames: Astray frames in a row after which the search starts anew from the sensors alone.
     """
 
     sigma_position: float = 0.003
     sigma_orientation: float = np.deg2rad(0.5)
     solver: SolverSettings = field(default_factory=SolverSettings)
+    gate: GateSettings = field(default_factory=GateSettings)
     lost_after: float = 2.0
-    step_position: float = 0.2
-    step_orientation: float = np.deg2rad(60.0)
     misfit_position: float = 0.05
     misfit_orientation: float = np.deg2rad(12.0)
     misfit_frames: int = 8
@@ -67,22 +88,3 @@ class Wearer:
     reference: int
     points: Floats[Array, "sensors 3"]
     scale: float
-
-
-@dataclass(frozen=True, eq=False)
-class TrackerState:
-    """What changes from sample to sample.
-
-    Attributes:
-        wearer: What does not.
-        history: The last solved poses in the world, newest first; fewer than asked for at the start.
-        spread: Standard deviations of the newest pose.
-        silent: Samples in a row in which no sensor spoke.
-        astray: Samples in a row in which the sensors did not fit.
-    """
-
-    wearer: Wearer
-    history: Floats[Array, "moments dofs"]
-    spread: Floats[Array, "dofs"]
-    silent: int = 0
-    astray: int = 0
