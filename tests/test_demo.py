@@ -1,5 +1,7 @@
 """`poseloom demo`: what it promises is there, its library is kept and renewed, nothing of the user's is lost."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -25,42 +27,42 @@ def motions(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_built_in_motions(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
+def poseloom(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """The command as users run it: in a process of its own, without the tests' checks of shapes, which cost time."""
+    command = [sys.executable, "-m", "poseloom", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=True)
+
+
+def test_the_built_in_motions(tmp_path: Path):
     out = tmp_path / "demo"
-    assert run(["demo", "-o", str(out)]) == 0
-    shown = capfd.readouterr()
+    first = poseloom("demo", "-o", out)
     assert {path.name for path in out.iterdir()} == MADE
     assert len(read_motions(out / "walk.bvh")[0]) > 100
-    assert "joint angle" in shown.out
-    assert "make demo DATA=FOLDER" in shown.out
-    assert "reading motions" in shown.err
+    assert "joint angle" in first.stdout
+    assert "make demo DATA=FOLDER" in first.stdout
+    assert "reading motions" in first.stderr
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "local-regression" in page
     assert "inverse-kinematics" in page
-    library = open_library(out / "library")
-    assert library.mirror
+    assert open_library(out / "library").mirror
     before = (out / "library" / "library.json").stat().st_mtime_ns
 
-    assert run(["demo", "-o", str(out)]) == 0
-    assert "reading motions" not in capfd.readouterr().err
+    again = poseloom("demo", "-o", out)
+    assert "reading motions" not in again.stderr
     assert (out / "library" / "library.json").stat().st_mtime_ns == before
 
-    (out / "library" / "library.json").write_text("damaged", encoding="utf-8")
-    assert run(["demo", "-o", str(out)]) == 0
-    assert open_library(out / "library").mirror
 
-
-def test_motions_of_ones_own(motions: Path, capfd: pytest.CaptureFixture[str]):
+def test_motions_of_ones_own(motions: Path):
     out = motions / "demo"  # within the data: what the demo makes must not become a source
-    assert run(["demo", "--data", str(motions), "-o", str(out)]) == 0
-    shown = capfd.readouterr()
-    assert "broken.bvh" in shown.err
+    first = poseloom("demo", "--data", motions, "-o", out)
+    assert "broken.bvh" in first.stderr
     assert (out / "walk.glb").is_file()
     sources = {clip.source for clip in open_library(out / "library").clips}
     assert sources == {"motions/kick.bvh", "motions/more/walk.bvh"}
 
     write_motion(sample_motions()["punch"], motions / "punch.bvh")
-    assert run(["demo", "--data", str(motions), "--exclude", "kick.bvh", "-o", str(out)]) == 0
+    (out / "library" / "library.json").write_text("damaged", encoding="utf-8")
+    poseloom("demo", "--data", motions, "--exclude", "kick.bvh", "-o", out)
     sources = {clip.source for clip in open_library(out / "library").clips}
     assert sources == {"motions/punch.bvh", "motions/more/walk.bvh"}
 
