@@ -27,7 +27,8 @@ check: .venv/installed-dev
 	$(BIN)/python scripts/check_docs.py
 
 benchmark: .venv/installed
-	$(BIN)/poseloom benchmark core --json build/core.json
+	@mkdir -p build
+	$(BIN)/poseloom benchmark core --json build/core.json --markdown docs/benchmarks/core.md
 
 clean:
 	rm -rf build dist demo .pytest_cache .ruff_cache .hypothesis .import_linter_cache
