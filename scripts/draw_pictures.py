@@ -1,6 +1,6 @@
 """Draws the pictures of the documents into docs/images, from the built-in motions.
 
-    python scripts/draw_pictures.py
+python scripts/draw_pictures.py
 """
 
 import tempfile
