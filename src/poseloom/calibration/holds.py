@@ -148,18 +148,20 @@ def pose_costs(
     """
     hypotheses = np.array([range(measured.shape[1])] if orders is None else orders, dtype=np.int64)
     costs = np.empty((len(hypotheses), len(measured), len(expected)))
-    for w, places in enumerate(measured):
-        for h, order in enumerate(hypotheses):
-            here = places[order]
-            came = np.isfinite(here[:, 0])
-            count = max(int(came.sum()), 1)
-            a = here[came] - here[came].mean(axis=0) if came.any() else here[came]
-            b = expected[:, came] - expected[:, came].mean(axis=1, keepdims=True) if came.any() else expected[:, came]
-            level = np.einsum("sa,psa->p", a[:, 1:2], b[..., 1:2])
-            planar = np.einsum("sa,psa->p", a[:, [0, 2]], b[..., [0, 2]])
-            crossed = np.einsum("s,ps->p", a[:, 0], b[..., 2]) - np.einsum("s,ps->p", a[:, 2], b[..., 0])
-            squares = (a**2).sum() + (b**2).sum(axis=(1, 2))
-            costs[h, w] = (squares - 2 * (level + np.hypot(planar, crossed))) / count
+    for window, places in enumerate(measured):
+        # One weight a sensor, 0 for silent ones, so that all hypotheses and poses are computed at once.
+        here = places[hypotheses]
+        weights = np.isfinite(here[..., :1]).astype(np.float64)
+        count = np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
+        here = np.nan_to_num(here)
+        a = weights * (here - (weights * here).sum(axis=1, keepdims=True) / count)
+        means = np.einsum("hs,psa->hpa", weights[..., 0], expected) / count
+        b = expected - means[:, :, None]
+        level = np.einsum("hs,hps->hp", a[..., 1], b[..., 1])
+        planar = np.einsum("hs,hps->hp", a[..., 0], b[..., 0]) + np.einsum("hs,hps->hp", a[..., 2], b[..., 2])
+        crossed = np.einsum("hs,hps->hp", a[..., 0], b[..., 2]) - np.einsum("hs,hps->hp", a[..., 2], b[..., 0])
+        squares = (a**2).sum(axis=(1, 2))[:, None] + np.einsum("hs,hpsa->hp", weights[..., 0], b**2)
+        costs[:, window] = (squares - 2 * (level + np.hypot(planar, crossed))) / count[:, :, 0]
     return np.maximum(costs, 0.0)
 
 

@@ -40,7 +40,8 @@ class CalibrationSettings:
 
     Attributes:
         pose_rad: Standard deviation of a held joint angle about the guided one.
-        position_m: Of a sensor's position in a hold.
+        position_m: Of a sensor's position, averaged over a hold. If it is taken for larger than it is, short bones come
+            out too short, for the poses' own error is then thought to explain less.
         orientation_rad: Of its orientation.
         offset_m: Of a sensor's place on its bone about the default place.
         components: Principal components of body size.
@@ -52,8 +53,8 @@ class CalibrationSettings:
     """
 
     pose_rad: float = float(np.radians(7.0))
-    position_m: float = 0.003
-    orientation_rad: float = float(np.radians(0.5))
+    position_m: float = 0.001
+    orientation_rad: float = float(np.radians(0.2))
     offset_m: float = 0.03
     components: int = DEFAULT_COMPONENTS
     floor_m: float = 0.01

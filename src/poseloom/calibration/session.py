@@ -33,6 +33,7 @@ DEFAULT_ROUNDS = 5
 """How often the guide leads through the eight poses: each hold is off by itself, and only repeating them helps."""
 
 _LEAST_HOLDS = 5
+_LEAST_SENSORS = 3
 _BAD_COST, _BAD_RATIO = 50.0, 3.0
 """A hold whose part of the energy exceeds both this and this many times the median was not the guided pose."""
 
@@ -148,6 +149,13 @@ def _screen(recording: Recording, rounds: int | None) -> tuple[_Session, list[Ve
             f"only {len(still.windows)} still moments were found, and {len(guide)} poses were to be held",
             cause="the poses were held too briefly or not still, or this is no recording of a guided session",
             remedy="Hold each pose for two to three seconds, as the page of `poseloom calibrate --guide` leads",
+        )
+    heard = np.isfinite(still.positions[..., 0]).mean(axis=0) > 0.5
+    if heard.sum() < _LEAST_SENSORS:
+        names = [name for name, here in zip(layout.names, heard, strict=True) if not here]
+        raise SensorError(
+            f"too few trackers say anything: silent or stuck are {', '.join(names)}",
+            remedy="Check their batteries and pairing, and record the session again",
         )
     axis = axis_verdict(still.positions, expected)
     if axis is not None:

@@ -6,7 +6,7 @@ the number of blocks only linearly. What the unknowns are is the problem's affai
 """
 
 from dataclasses import dataclass, replace
-from typing import Generic, NamedTuple, Protocol, TypeVar, cast
+from typing import Generic, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
@@ -44,6 +44,7 @@ class Linearisation(NamedTuple):
     shared_by_shared: Floats[Array, "rows shared"]
 
 
+@runtime_checkable
 class Problem(Protocol[State]):
     """What is to be minimised."""
 
@@ -77,7 +78,7 @@ class LeastSquaresSettings:
     """
 
     iterations: int = 60
-    tolerance: float = 1e-7
+    tolerance: float = 1e-6
     damping: float = 1e-3
 
 
