@@ -88,7 +88,7 @@ def make_skeleton(
     places = np.asarray(offsets, dtype=np.float64)
     if count == 0 or index.shape != (count,) or places.shape != (count, 3):
         raise SkeletonError(
-            f"a skeleton of {count} names, {index.size} parents and offsets of shape {places.shape} does not fit",
+            f"{count} names, {index.size} parents and offsets of shape {places.shape} do not fit together",
             remedy="Give one name, one parent and one offset of three numbers for each joint",
         )
     _check_hierarchy(names, index)

@@ -22,9 +22,9 @@ def nearest_branches_in_place(q: Floats[Array, "dofs"], reference: Floats[Array,
             continue
         angle = math.sqrt(square)
         along = (q[at] * reference[at] + q[at + 1] * reference[at + 1] + q[at + 2] * reference[at + 2]) / angle
-        turns = np.round((along - angle) / (2.0 * math.pi))
+        turns = float(np.round((along - angle) / (2.0 * math.pi)))
         if turns != 0.0:
-            factor = 1.0 + 2.0 * math.pi * float(turns) / angle
+            factor = 1.0 + 2.0 * math.pi * turns / angle
             for a in range(3):
                 q[at + a] *= factor
 
