@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from poseloom.cli._progress import progress_bars
+from poseloom.cli.six_trackers import add_commands
 from poseloom.errors import PoseloomError
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ def register(app: typer.Typer) -> None:
     benchmarks = typer.Typer(no_args_is_help=True, help="Measure figures of this machine.")
     benchmarks.callback()(_benchmark)
     benchmarks.command("core")(core)
+    add_commands(benchmarks)
     app.add_typer(benchmarks, name="benchmark")
 
 
