@@ -81,14 +81,21 @@ def demo(
 def choose_clip(clips: "tuple[Clip, ...]", rate: float) -> "Clip":
     """The clip to leave out and reconstruct: a CMU walk if there is one, else a walk, else any; of a handy length.
 
+    Among these one of which the library holds most alike: other takes of the same person doing the same.
+
     Raises:
         LibraryError: if leaving its take out would leave nothing.
     """
 
-    def rank(clip: "Clip") -> tuple[int, bool, bool, bool, str]:
+    alike: dict[object, set[str]] = {}
+    for clip in clips:
+        alike.setdefault((clip.subject, clip.tags), set()).add(clip.take)
+
+    def rank(clip: "Clip") -> tuple[int, bool, bool, bool, int, str]:
         walk = 0 if clip.tags == ("walk",) else 1 if "walk" in clip.tags else 2
         handy = _SHORTEST <= len(clip) / rate <= _LONGEST
-        return (walk, not clip.subject.startswith("cmu"), not handy, clip.mirrored, clip.name)
+        company = len(alike[clip.subject, clip.tags])
+        return (walk, not clip.subject.startswith("cmu"), not handy, clip.mirrored, -company, clip.name)
 
     chosen = min(clips, key=rank)
     if all(clip.take == chosen.take for clip in clips):

@@ -22,8 +22,8 @@ def nearest_branches_in_place(q: Floats[Array, "dofs"], reference: Floats[Array,
             continue
         angle = math.sqrt(square)
         along = (q[at] * reference[at] + q[at + 1] * reference[at + 1] + q[at + 2] * reference[at + 2]) / angle
-        turns = float(np.round((along - angle) / (2.0 * math.pi)))
-        if turns != 0.0:
+        turns = math.floor((along - angle) / (2.0 * math.pi) + 0.5)
+        if turns != 0:
             factor = 1.0 + 2.0 * math.pi * turns / angle
             for a in range(3):
                 q[at + a] *= factor
@@ -40,7 +40,8 @@ def root_heading(q: Floats[Array, "dofs"]) -> float:
 @compiled
 def into_heading(q: Floats[Array, "dofs"], x: float, z: float, heading: float, out: Floats[Array, "dofs"]) -> None:
     """A pose seen from a ground point and heading (its root's rotation vector on the branch below half a turn)."""
-    out[:] = q
+    for d in range(6, q.shape[0]):
+        out[d] = q[d]
     _root_into_heading(q, x, z, heading, out, np.empty((3, 3)), np.empty((3, 3)))
 
 
