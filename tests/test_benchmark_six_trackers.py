@@ -100,10 +100,11 @@ def test_proposals_are_new_and_within_the_space(method: str):
         assert all(value in sweeping.SPACES[method][name] for name, value in setting.items())
 
 
-def test_a_proposal_steps_along_the_grid_from_the_best():
-    best = tried({"neighbours": 96}, 1.0, 1.0)
-    for setting in sweeping.propose("local-gaussian", [best], 30, np.random.default_rng(0)):
-        assert setting.get("neighbours", 96) in (64, 96, 128)
+def test_no_proposal_is_the_present_setting_by_another_name():
+    own = sweeping.own_setting("local-pca")
+    for setting in sweeping.propose("local-pca", [], 40, np.random.default_rng(0))[1:]:
+        assert all(value != own[name] for name, value in setting.items())
+        assert len(setting) == 1
 
 
 def test_settings_are_told_in_words():

@@ -1,7 +1,7 @@
 """Chooses every method's settings on sequences that no table reports, with as many trials for each method.
 
 A seeded local search: the first round tries the present settings and changes of one of them, each further round changes
-one or two settings of the best so far. The grids are equally rich for all methods, the rule of choice is the same.
+one to three settings of the best so far. The grids are equally rich for all methods, the rule of choice is the same.
 """
 
 import math
@@ -24,6 +24,8 @@ from poseloom.benchmark.six_trackers.trials import Trial, opened, run_trial
 from poseloom.evaluation.cases import Case, Conditions
 from poseloom.evaluation.rows import Results, Row, motions_digest
 from poseloom.library.pool import in_order
+from poseloom.methods import METHODS
+from poseloom.methods.trackers.inverse_kinematics import InverseKinematicsSettings
 
 Setting = Mapping[str, Any]
 Progress = Callable[[str, int, int], object]
@@ -36,15 +38,15 @@ _FLOORS = {
     "place_floor": (0.002, 0.005, 0.01),
 }
 _NEIGHBOURS = {
-    "neighbours": (32, 64, 96, 128, 192),
+    "neighbours": (16, 24, 32, 48, 64, 96, 128, 192),
     "bandwidth": (0.4, 0.7, 1.0, 1.5, math.inf),
     "persistence": (0.0, 0.2, 0.3, 0.4, 0.5),
     **_FLOORS,
     "query": ("history", "history+sensors"),
 }
 _REGRESSION = {
-    "energy": (0.9, 0.95, 0.97, 0.99),
-    "ridge": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0),
+    "energy": (0.8, 0.9, 0.95, 0.97, 0.99),
+    "ridge": (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0),
     "full_covariance": (False, True),
 }
 
@@ -205,24 +207,35 @@ def propose(method: str, tried: Sequence[Tried], count: int, rng: np.random.Gene
 
     A setting names what differs from the method's own: the first one, nothing.
     """
-    space = SPACES[method]
-    known = {_key(t.setting) for t in tried}
+    space, own = SPACES[method], own_setting(method)
+    known = {_key({**own, **each.setting}) for each in tried}
     proposed: list[Setting] = []
     base: Setting = {} if not tried else best_of(tried).setting
     if not tried:
         proposed.append({})
-        known.add(_key({}))
-    for _ in range(200):
+        known.add(_key(own))
+    for _ in range(500):
         if len(proposed) >= count:
             break
         setting = dict(base)
-        changes = 1 if not tried or rng.random() < 0.5 else 2
-        for name in rng.choice(list(space), size=changes, replace=False):
-            setting[str(name)] = _another(space[str(name)], setting.get(str(name)), rng)
-        if _key(setting) not in known:
-            known.add(_key(setting))
-            proposed.append(setting)
+        changes = 1 if not tried else int(rng.integers(1, 4))
+        for name in rng.choice(list(space), size=changes, replace=False).tolist():
+            setting[name] = _another(space[name], setting.get(name, own[name]), rng)
+        whole = {**own, **setting}
+        if _key(whole) not in known:
+            known.add(_key(whole))
+            proposed.append({name: value for name, value in setting.items() if value != own[name]})
     return proposed
+
+
+def own_setting(method: str) -> dict[str, Any]:
+    """The present settings of a method, of all that is varied."""
+    kind = METHODS[method].kind
+    if kind is None:
+        return {name: getattr(InverseKinematicsSettings(), name) for name in SPACES[method]}
+    parts = (kind.default_model, kind.default_neighbours)
+    own = {name: getattr(part, name) for part in parts for name in SPACES[method] if hasattr(part, name)}
+    return own | {"query": str(kind.default_query)}
 
 
 def in_words(setting: Setting) -> str:
@@ -241,12 +254,12 @@ def in_words(setting: Setting) -> str:
 
 
 def _another(values: tuple[Any, ...], present: Any, rng: np.random.Generator) -> Any:
-    """A neighbouring value on the grid; any where the present one is not known."""
-    if present not in values:
-        return values[int(rng.integers(len(values)))]
-    at = values.index(present)
-    beside = [values[i] for i in (at - 1, at + 1) if 0 <= i < len(values)]
-    return beside[int(rng.integers(len(beside)))]
+    """As likely a neighbouring value on the grid as any; never the present one."""
+    others = [value for value in values if value != present]
+    if present in values and rng.random() < 0.5:
+        at = values.index(present)
+        others = [values[i] for i in (at - 1, at + 1) if 0 <= i < len(values)]
+    return others[int(rng.integers(len(others)))]
 
 
 def _key(setting: Setting) -> tuple[tuple[str, Any], ...]:

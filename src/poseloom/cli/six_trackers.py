@@ -113,7 +113,7 @@ def six_trackers(
         list[str] | None,
         typer.Option("--part", help="1, 2, 5, three, faults, search or speed; may be repeated. All if left out."),
     ] = None,
-    limit: Annotated[int, typer.Option(min=20, help="Samples of each sequence.")] = 400,
+    limit: Annotated[int, typer.Option(min=20, help="Samples of each sequence.")] = 200,
     seed: _Seed = 0,
     workers: _Workers = 2,
 ) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from poseloom.errors import PoseloomError, unknown_name
-from poseloom.formats import read_motions
+from poseloom.formats import drop_rest_frame, read_motions
 from poseloom.formats.recording import read_recording
 from poseloom.library.naming import describe
 from poseloom.library.sources import SAMPLES, Selection, find_sources
@@ -96,6 +96,8 @@ def read_cases(
 ) -> tuple[Case, ...]:
     """Reads recordings (.mcap), motion files, folders of them, `sample:NAME`, or `samples` for all built-in motions.
 
+    A first frame that is only the pose the skeleton was drawn in is left out, as in a library.
+
     Args:
         given: What to read.
         conditions: The sensors that motions will wear.
@@ -154,7 +156,7 @@ def _motions(item: str, conditions: Conditions, skeleton: Path | None) -> list[C
             found.append(_sample(source.name.removeprefix(f"{SAMPLES}/"), conditions))
             continue
         digest = file_digest(source.path)
-        motions = read_motions(source.path, skeleton=source.skeleton)
+        motions = [drop_rest_frame(motion) for motion in read_motions(source.path, skeleton=source.skeleton)]
         for motion in motions:
             name = source.path.stem + (f":{motion.name}" if len(motions) > 1 else "")
             try:

@@ -18,6 +18,7 @@ from poseloom.evaluation.rows import Row
 from poseloom.library.pool import in_order
 from poseloom.methods import needs_library
 from poseloom.skeleton.body import moving_dofs
+from poseloom.skeleton.motion import Motion
 
 METRICS = ("joint_angle_deg", "joint_rotation_deg", "joint_position_cm", "jitter_over_truth")
 DRAWN = ("walking_1", "basketball_1", "HDM_dg_kickLFront1Reps_013_120")
@@ -57,69 +58,77 @@ class Curve(NamedTuple):
     errors: Floats[Array, "frames"]
 
 
+@dataclass(frozen=True)
+class Question:
+    """One method on all sequences.
+
+    Attributes:
+        contestant: The method and its settings.
+        library: Folder of the library.
+        by_subject: Whether the people of each sequence are left out too.
+        channels: One of `CHANNELS`.
+        conditions: Sensors; the plan's where None.
+    """
+
+    contestant: Contestant
+    library: Path
+    by_subject: bool = False
+    channels: str = CHANNELS[0]
+    conditions: Conditions | None = None
+
+
 def table_two(plan: Plan, sequences: Sequences, tell: Progress) -> tuple[list[Row], list[Curve]]:
     """Errors of all methods, by library and split, on the densely covered sequences and on all; and figure 7."""
+    questions = [
+        Question(contestant, library, by_subject)
+        for number, library in enumerate(plan.libraries)
+        for by_subject in ((False,) if plan.quick else (False, True))
+        for contestant in CONTESTANTS
+        if needs_library(contestant.method) or not (number or by_subject)
+    ]
     rows: list[Row] = []
     curves: list[Curve] = []
-    splits = (False,) if plan.quick else (False, True)
-    for number, library in enumerate(plan.libraries):
-        size = f"{len(opened(library).poses):,} poses"
-        covered = [is_covered(opened(library), case) for case in sequences.cases]
-        for by_subject in splits:
-            for contestant in CONTESTANTS:
-                if not needs_library(contestant.method) and (number or by_subject):
-                    continue
-                split = "by-subject" if by_subject else "by-sequence"
-                label = f"table 2, {size}, {split}"
-                results = _run(plan, sequences, library, contestant, tell, f"{label}: {contestant.label}", by_subject)
-                chosen = [r for r, yes in zip(results, covered, strict=True) if yes]
-                named = size if needs_library(contestant.method) else "no library"
-                seed = plan.conditions.seed
-                if chosen:
-                    rows += _rows("2", contestant.label, f"{named}, densely covered", split, chosen, seed)
-                rows += _rows("2", contestant.label, f"{named}, all sequences", split, results, seed)
-                if not by_subject and not number:
-                    curves += _curves(plan, sequences, contestant, results, library)
+    for question, results in zip(questions, _answers(plan, sequences, questions, tell, "table 2"), strict=True):
+        split = "by-subject" if question.by_subject else "by-sequence"
+        label = question.contestant.label
+        for what, some in _by_coverage(question, sequences, results):
+            rows += _rows("2", label, f"{_named(question)}, {what}", split, some, plan.conditions.seed)
+        if question.library == plan.libraries[0] and not question.by_subject:
+            curves += _curves(plan, sequences, question, results)
     return rows, curves
 
 
 def figure_five(plan: Plan, sequences: Sequences, tell: Progress) -> list[Row]:
     """Positions alone, orientations alone, and both, by behaviour; the recommended method and the paper's."""
-    library = plan.libraries[0]
-    size = f"{len(opened(library).poses):,} poses"
+    questions = [
+        Question(Contestant(method, method), plan.libraries[0], channels=channels)
+        for method in ((OURS,) if plan.quick else (OURS, PAPERS))
+        for channels in CHANNELS
+    ]
     rows: list[Row] = []
     behaviours = [sequence.behaviour for sequence in sequences.named]
-    for method in (OURS,) if plan.quick else (OURS, PAPERS):
-        for channels in CHANNELS:
-            results = _run(
-                plan, sequences, library, Contestant(method, method), tell, f"figure 5, {method}: {channels}",
-                channels=channels,
-            )  # fmt: skip
-            for behaviour in ("all", *dict.fromkeys(behaviours)):
-                chosen = [r for r, what in zip(results, behaviours, strict=True) if behaviour in ("all", what)]
-                setting = f"{size}, {channels}, {behaviour}"
-                rows += _rows("5", method, setting, "by-sequence", chosen, plan.conditions.seed, ("joint_angle_deg",))
+    for question, results in zip(questions, _answers(plan, sequences, questions, tell, "figure 5"), strict=True):
+        for behaviour in ("all", *dict.fromkeys(behaviours)):
+            chosen = [r for r, what in zip(results, behaviours, strict=True) if behaviour in ("all", what)]
+            setting = f"{_named(question)}, {question.channels}, {behaviour}"
+            label = question.contestant.label
+            rows += _rows("5", label, setting, "by-sequence", chosen, plan.conditions.seed, METRICS[:1])
     return rows
 
 
 def three_trackers(plan: Plan, sequences: Sequences, tell: Progress) -> list[Row]:
     """A headset and two controllers, nothing else."""
-    rows: list[Row] = []
     conditions = Conditions("three-trackers", plan.conditions.noise, plan.conditions.seed)
-    for library in plan.libraries[:1]:
-        for method in (OURS,) if plan.quick else (OURS, PAPERS, "inverse-kinematics"):
-            results = _run(
-                plan, sequences, library, Contestant(method, method), tell, f"three trackers: {method}",
-                conditions=conditions,
-            )  # fmt: skip
-            covered = [is_covered(opened(library), case) for case in sequences.cases]
-            chosen = [r for r, yes in zip(results, covered, strict=True) if yes]
-            size = f"{len(opened(library).poses):,} poses" if needs_library(method) else "no library"
-            for what, some in (("densely covered", chosen), ("all sequences", results)):
-                if some:
-                    rows += _rows(
-                        "three trackers", method, f"{size}, {what}", "by-sequence", some, plan.conditions.seed
-                    )
+    questions = [
+        Question(Contestant(method, method), plan.libraries[0], conditions=conditions)
+        for method in ((OURS,) if plan.quick else (OURS, PAPERS, "inverse-kinematics"))
+    ]
+    rows: list[Row] = []
+    for question, results in zip(questions, _answers(plan, sequences, questions, tell, "three trackers"), strict=True):
+        for what, some in _by_coverage(question, sequences, results):
+            setting = f"{_named(question)}, {what}"
+            label = question.contestant.label
+            rows += _rows("three trackers", label, setting, "by-sequence", some, plan.conditions.seed)
     return rows
 
 
@@ -144,32 +153,23 @@ def rows_of(
     return rows
 
 
-def frame_errors(result: MethodResult, truth: object) -> Floats[Array, "frames"]:
+def frame_errors(result: MethodResult, truth: Motion) -> Floats[Array, "frames"]:
     """Mean absolute joint angle error of each frame, degrees."""
-    from poseloom.skeleton.motion import Motion
-
-    assert isinstance(truth, Motion)
     moving = moving_dofs()[3:].reshape(-1, 3)
     errors = profiles.angle_errors(truth_of(truth, result.samples), result.motion)
     return np.asarray(errors[:, moving].mean(axis=1))
 
 
-def _run(
-    plan: Plan,
-    sequences: Sequences,
-    library: Path,
-    contestant: Contestant,
-    tell: Progress,
-    label: str,
-    by_subject: bool = False,
-    channels: str = CHANNELS[0],
-    conditions: Conditions | None = None,
-) -> list[MethodResult]:
+def _answers(
+    plan: Plan, sequences: Sequences, questions: Sequence[Question], tell: Progress, label: str
+) -> list[list[MethodResult]]:
+    """Results of each question on all sequences, by one pool."""
     trials = [
         Trial(
-            contestant.method, case, seed, conditions or plan.conditions, library, by_subject, plan.limit, channels,
-            changes=contestant.changes,
+            question.contestant.method, case, seed, question.conditions or plan.conditions, question.library,
+            question.by_subject, plan.limit, question.channels, changes=question.contestant.changes,
         )
+        for question in questions
         for case, seed in zip(sequences.cases, sequences.seeds, strict=True)
     ]  # fmt: skip
     results: list[MethodResult] = []
@@ -177,7 +177,23 @@ def _run(
     for result in in_order(run_trial, trials, plan.workers):
         results.append(result)
         tell(label, len(results), len(trials))
-    return results
+    each = len(sequences.cases)
+    return [results[each * i : each * (i + 1)] for i in range(len(questions))]
+
+
+def _named(question: Question) -> str:
+    if not needs_library(question.contestant.method):
+        return "no library"
+    return f"{len(opened(question.library).poses):,} poses"
+
+
+def _by_coverage(
+    question: Question, sequences: Sequences, results: Sequence[MethodResult]
+) -> list[tuple[str, Sequence[MethodResult]]]:
+    """The results on sequences that the library covers densely, if there are any, and all."""
+    library = opened(question.library)
+    covered = [r for case, r in zip(sequences.cases, results, strict=True) if is_covered(library, case)]
+    return [*([("densely covered", covered)] if covered else []), ("all sequences", results)]
 
 
 def _rows(
@@ -199,21 +215,14 @@ def _rows(
     return rows_of(table, method, setting, split, values, sum(len(r.motion) for r in results), seed)
 
 
-def _curves(
-    plan: Plan, sequences: Sequences, contestant: Contestant, results: Sequence[MethodResult], library: Path
-) -> list[Curve]:
+def _curves(plan: Plan, sequences: Sequences, question: Question, results: Sequence[MethodResult]) -> list[Curve]:
     curves: list[Curve] = []
     for case, seed, result in zip(sequences.cases, sequences.seeds, results, strict=True):
         if case.name in DRAWN:
-            trial = Trial(contestant.method, case, seed, plan.conditions, library, limit=plan.limit)
-            recording = recording_of(trial)
-            curves.append(
-                Curve(
-                    case.name,
-                    contestant.label,
-                    recording.layout.rate,
-                    result.samples.astype(np.float64),
-                    frame_errors(result, recording.truth),
-                )
-            )
+            method = question.contestant.method
+            recording = recording_of(Trial(method, case, seed, plan.conditions, question.library, limit=plan.limit))
+            truth = recording.truth
+            assert truth is not None  # it was simulated
+            samples = result.samples.astype(np.float64)
+            curves.append(Curve(case.name, question.contestant.label, truth.rate, samples, frame_errors(result, truth)))
     return curves

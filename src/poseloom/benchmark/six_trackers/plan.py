@@ -61,7 +61,7 @@ class Plan:
     data: Path
     libraries: tuple[Path, ...]
     quick: bool = False
-    limit: int = 400
+    limit: int = 200
     workers: int = 2
     conditions: Conditions = field(default_factory=Conditions)
     people: int = 20

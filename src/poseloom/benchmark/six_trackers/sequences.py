@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from poseloom.errors import PoseloomError
 from poseloom.evaluation.cases import Case, Conditions, case_of_motion
-from poseloom.formats import read_motion
+from poseloom.formats import drop_rest_frame, read_motion
 from poseloom.library import Clip, MotionLibrary
 from poseloom.library.sources import Selection, Source, find_sources
 from poseloom.library.store import file_digest
@@ -140,7 +140,7 @@ def read_sequences(
                 remedy="Unpack all recordings that the benchmark is defined on",
                 file=motions,
             )
-        motion = read_motion(source.path, skeleton=source.skeleton)
+        motion = drop_rest_frame(read_motion(source.path, skeleton=source.skeleton))
         name = Path(sequence.source).name
         cases.append(case_of_motion(motion, conditions, name, file_digest(source.path), source.subject))
         if progress is not None:
