@@ -210,29 +210,6 @@ def propose(
 
 
 @compiled
-def soften(
-    noise: Floats[Array, "rows"],
-    gram: Floats[Array, "rows rows"],
-    innovation: Floats[Array, "rows"],
-    sigmas: Floats[Array, "sensors 2"],
-    present: Bools[Array, "sensors 2"],
-    robust_scale: float,
-) -> None:
-    """Sets each reading's noise from its innovation, judged by the sensor's and the prior's variance together."""
-    row = 0
-    for s in range(present.shape[0]):
-        for kind in range(2):
-            if present[s, kind]:
-                own = sigmas[s, kind] ** 2
-                expected = own + (gram[row, row] + gram[row + 1, row + 1] + gram[row + 2, row + 2]) / 3.0
-                square = innovation[row] ** 2 + innovation[row + 1] ** 2 + innovation[row + 2] ** 2
-                inflation = 1.0 + 0.5 * square / (expected * robust_scale * robust_scale)
-                for a in range(3):
-                    noise[row + a] = own * inflation
-                row += 3
-
-
-@compiled
 def posterior_spread(
     spreading: Floats[Array, "rows dofs"],
     gram: Floats[Array, "rows rows"],

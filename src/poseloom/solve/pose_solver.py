@@ -163,7 +163,10 @@ class _Work(NamedTuple):
         # Before the first step a residual shows the prior's error as well as the sensor's. Judged by the sensor's sigma
         # alone, a good reading of a fast movement would look like an outlier, and the solver could settle on disbelief.
         if first and np.isfinite(self.robust_scale):
-            _kernels.soften(noise, gram, innovation, self.measured.sigmas, here.present, self.robust_scale)
+            own = self.measured.sigmas[here.present] ** 2
+            expected = own + gram.diagonal().reshape(-1, 3).mean(axis=1)
+            squares = (innovation.reshape(-1, 3) ** 2).sum(axis=1)
+            noise = np.repeat(own * (1.0 + 0.5 * squares / (expected * self.robust_scale**2)), 3)
         return _Step(jacobian, spreading, gram, jacobian @ (here.q - self.prior.mean), innovation, noise)
 
     def stepped(self, here: _Point, step: _Step, damping: float) -> _Point | None:
