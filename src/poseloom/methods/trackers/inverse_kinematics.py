@@ -23,10 +23,10 @@ class InverseKinematicsSettings:
         first_root: Standard deviation of the root's place, metres, and rotation, radians, there.
     """
 
-    joint_step: float = 0.05
+    joint_step: float = 0.5
     root_step: float = 0.05
-    first_joint: float = 0.5
-    first_root: float = 0.5
+    first_joint: float = 0.1
+    first_root: float = 0.2
 
 
 class InverseKinematics(TrackerMethod):

@@ -4,6 +4,7 @@ They share the loop, the library, the search and the solver; only the local mode
 were chosen by `poseloom benchmark sweep` on sequences that no table reports, with as many trials for each method.
 """
 
+from math import radians
 from typing import ClassVar
 
 from poseloom.methods.trackers.local_models import (
@@ -23,29 +24,35 @@ class LocalGaussian(NeighbourMethod):
     See `GaussianModel` for why nothing is regressed. Arguments as for `NeighbourMethod`.
     """
 
-    default_model: ClassVar[LocalModel] = GaussianModel()
+    default_model: ClassVar[LocalModel] = GaussianModel(shrinkage=0.7)
+    default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings(neighbours=32)
 
 
 class LocalRegression(NeighbourMethod):
     """The six-sensor paper's method, mended: see `SubspaceModel`. Arguments as for `NeighbourMethod`."""
 
-    default_model: ClassVar[LocalModel] = SubspaceModel()
+    default_model: ClassVar[LocalModel] = SubspaceModel(energy=0.8, ridge=0.1)
+    default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings(
+        bandwidth=0.4, persistence=0.3, angle_floor=radians(0.5), place_floor=0.01
+    )
 
 
 class LocalPcr(NeighbourMethod):
     """Liu et al. 2011: see `PcrModel`. Arguments as for `NeighbourMethod`."""
 
-    default_model: ClassVar[LocalModel] = PcrModel()
+    default_model: ClassVar[LocalModel] = PcrModel(ridge=0.1)
+    default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings(neighbours=96, angle_floor=radians(0.25))
 
 
 class LocalPca(NeighbourMethod):
     """Chai and Hodgins 2005: see `PcaModel`. Arguments as for `NeighbourMethod`."""
 
-    default_model: ClassVar[LocalModel] = PcaModel()
+    default_model: ClassVar[LocalModel] = PcaModel(energy=0.999)
+    default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings(bandwidth=0.7, angle_floor=radians(2.0))
 
 
 class NearestExample(NeighbourMethod):
     """The nearest moment's pose, bent to the sensors: see `NearestModel`. Arguments as for `NeighbourMethod`."""
 
     default_model: ClassVar[LocalModel] = NearestModel()
-    default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings(neighbours=64)
+    default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings(neighbours=64, bandwidth=0.7, persistence=0.4)
