@@ -1,5 +1,6 @@
 """The six-sensor experiments on the built-in motions, and the rules by which sequences and settings are chosen."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -167,6 +168,13 @@ def test_sequences_for_tables_and_for_settings_differ(recordings: Path):
     some = read_sequences(motions, (table[0], validation[-1]), Conditions())
     assert [case.name for case in some] == ["walking_1", Path(validation[-1].source).name]
     assert all(case.digest for case in some)
+
+
+def test_questions_can_be_sent_to_a_process(folder: Path, cases: tuple[Case, ...]):
+    for contestant in CONTESTANTS:
+        trial = Trial(contestant.method, cases[0], 0, Conditions(), folder, changes=contestant.changes)
+        assert pickle.loads(pickle.dumps(trial)).changes == contestant.changes
+    pickle.dumps(Trial("local-gaussian", cases[0], 0, Conditions(), folder))
 
 
 def test_a_trial_is_the_same_each_time_and_hears_what_it_is_told(folder: Path, cases: tuple[Case, ...]):

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from poseloom.evaluation.cases import Conditions
@@ -27,7 +26,7 @@ class Contestant:
 
     label: str
     method: str
-    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    changes: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 CONTESTANTS = (
@@ -36,7 +35,7 @@ CONTESTANTS = (
     Contestant("local-pca", "local-pca"),
     Contestant("local-pcr", "local-pcr"),
     Contestant("local-regression", PAPERS),
-    Contestant("local-regression, history query", PAPERS, MappingProxyType({"query": "history"})),
+    Contestant("local-regression, history query", PAPERS, {"query": "history"}),
     Contestant("local-gaussian", OURS),
 )
 """Every method with its tuned settings, and the paper's once more with the query that the paper has."""

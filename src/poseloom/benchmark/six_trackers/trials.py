@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,8 +22,6 @@ WARM_UP = 5
 """Samples that a method hears before the clock starts."""
 
 CHANNELS = ("position and orientation", "position only", "orientation only")
-
-_DEFAULTS: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +50,7 @@ class Trial:
     limit: int | None = None
     channels: str = CHANNELS[0]
     faults: tuple[Fault, ...] = ()
-    changes: Mapping[str, Any] = field(default_factory=lambda: _DEFAULTS)
+    changes: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 class Outcome(NamedTuple):
