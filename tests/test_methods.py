@@ -7,10 +7,11 @@ from poseloom.errors import MethodError
 from poseloom.evaluation.metrics import joint_angle_deg, joint_position_cm
 from poseloom.library import MotionLibrary, build_library, open_library
 from poseloom.methods import METHODS, HealthState, make_method, reconstruct
+from poseloom.methods.trackers.local_models import Neighbourhood, SubspaceModel
 from poseloom.samples import sample_motions
 from poseloom.sensors import Recording, layout
-from poseloom.skeleton import average_body, retarget
-from poseloom.synthesis import TrackerNoise, simulate_trackers
+from poseloom.skeleton import average_body, motion_frames, retarget
+from poseloom.synthesis import Fault, FaultKind, TrackerNoise, simulate_trackers
 
 LEFT_OUT = "walk"
 
@@ -140,6 +141,40 @@ def test_three_trackers_give_a_plausible_body(library: MotionLibrary) -> None:
     recording = simulate_trackers(motion.cut(0, 60), layout("three-trackers"), TrackerNoise(), seed=3)
     result = reconstruct(_method("local-gaussian", library, "three-trackers"), recording)
     assert joint_position_cm(recording.truth, result.motion) < 15.0
+
+
+@pytest.mark.parametrize("sensor", ["leftHand", "head", "upperChest", "rightAnkle"])
+@pytest.mark.parametrize(
+    "fault",
+    [{"kind": FaultKind.SILENT}, {"kind": FaultKind.OUTLIERS, "size_m": 0.3, "share": 0.3}],
+    ids=["silent", "wild"],
+)
+def test_a_faulty_tracker_goes_and_comes_back_gently(library: MotionLibrary, sensor: str, fault: dict) -> None:
+    motion = sample_motions()[LEFT_OUT].cut(0, 180)
+    kept = Fault(sensor, 1.0, 2.0, **fault)
+    clean = simulate_trackers(motion, layout("six-trackers"), TrackerNoise(), seed=3)
+    faulty = simulate_trackers(motion, layout("six-trackers"), TrackerNoise(), faults=(kept,), seed=3)
+    method = _method("local-gaussian", library)
+    estimate = reconstruct(method, faulty).motion
+    moved = np.diff(motion_frames(estimate).positions, axis=0) - np.diff(motion_frames(faulty.truth).positions, axis=0)
+    assert np.linalg.norm(moved, axis=-1).max() < 0.1
+    plain = reconstruct(method, clean).motion
+    for start, stop, bound in ((40, 80, 1.5), (100, 120, 1.2)):
+        error = joint_angle_deg(faulty.truth.cut(start, stop), estimate.cut(start, stop))
+        assert error < bound * joint_angle_deg(clean.truth.cut(start, stop), plain.cut(start, stop))
+
+
+def test_one_subspace_for_all_or_one_a_dof_say_nearly_the_same() -> None:
+    rng = np.random.default_rng(0)
+    hidden = rng.normal(size=(64, 4))
+    inputs = hidden @ rng.normal(size=(4, 20)) + 0.01 * rng.normal(size=(64, 20))
+    outputs = hidden @ rng.normal(size=(4, 12)) + 0.01 * rng.normal(size=(64, 12))
+    near = Neighbourhood(inputs[0], inputs[1:], outputs[1:], np.full(63, 1 / 63), outputs[0])
+    together, _ = SubspaceModel(energy=0.999, ridge=1e-6).predict(near)
+    apart, spread = SubspaceModel(energy=0.999, ridge=1e-6, per_dof=True).predict(near)
+    np.testing.assert_allclose(together, outputs[0], atol=0.1)
+    np.testing.assert_allclose(apart, together, atol=0.1)
+    assert (np.diag(spread) > 0).all()
 
 
 def test_wrong_requests_are_explained(library: MotionLibrary, recording: Recording) -> None:
