@@ -1,7 +1,8 @@
 """The methods that ask a motion library, each with the settings that validation chose for it.
 
 They share the loop, the library, the search and the solver; only the local model and its settings differ. The settings
-were chosen by `poseloom benchmark sweep` on sequences that no table reports, with as many trials for each method.
+come from `poseloom benchmark sweep` on sequences that no table reports, alike for each method; the first sweeps had a
+flaw, and `docs/benchmarks/sweep.md` says what was checked since.
 """
 
 from math import radians
