@@ -53,5 +53,5 @@ endif
 
 .venv/installed-dev: pyproject.toml | .venv/bin/pip
 	@echo "Installing poseloom and its development tools into .venv"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,train]"
 	@touch $@ .venv/installed

@@ -24,6 +24,7 @@ def reconstruct_recording(
     output: Annotated[Path, typer.Option("--output", "-o", help="The motion: .bvh, .glb or .npz.")],
     method: Annotated[str, typer.Option("--method", "-m", help="How; see `poseloom methods`.")] = "local-gaussian",
     library: Annotated[Path | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
+    model: Annotated[Path | None, typer.Option("--model", help="A fitted model, from `poseloom fit`.")] = None,
     calibration: Annotated[
         Path | None, typer.Option("--calibration", "-c", help="Sizes and placements, from `poseloom calibrate`.")
     ] = None,
@@ -44,7 +45,7 @@ def reconstruct_recording(
 
         heard = apply_calibration(heard, read_calibration(calibration))
     opened = open_library(library) if wanted and library is not None else None
-    chosen = make_method(method, heard.layout, opened)
+    chosen = make_method(method, heard.layout, opened, model=model)
     with progress_bars() as show:
         result = reconstruct(chosen, heard, lambda done: show("Reconstructing", done, len(heard)))
     write_motion(result.motion, output)
@@ -58,9 +59,9 @@ def list_methods() -> None:
 
     from poseloom.methods import METHODS
 
-    table = Table("method", "what it is", "library")
+    table = Table("method", "what it is", "needs")
     for name, entry in METHODS.items():
-        table.add_row(name, entry.summary, "yes" if entry.kind else "no")
+        table.add_row(name, entry.summary, "a library" if entry.kind else "a model" if entry.load else "nothing")
     Console().print(table)
 
 

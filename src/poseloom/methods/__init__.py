@@ -8,7 +8,7 @@ from poseloom.methods.contract import (
     Reconstructor,
     reconstruct,
 )
-from poseloom.methods.registry import DEFAULT_METHOD, METHODS, make_method, needs_library
+from poseloom.methods.registry import DEFAULT_METHOD, METHODS, make_method, needs_library, needs_model
 from poseloom.methods.trackers import (
     InverseKinematics,
     LocalGaussian,
@@ -42,5 +42,6 @@ __all__ = [
     "TrackerSettings",
     "make_method",
     "needs_library",
+    "needs_model",
     "reconstruct",
 ]

@@ -1,7 +1,8 @@
 """Methods by name, for the command line, the evaluation and the live path."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -22,10 +23,12 @@ class MethodEntry:
     Attributes:
         summary: What it is, in half a line.
         kind: Its class, for methods that ask a library; None for those that need none.
+        load: Reads its fitted model from a file, for methods that are fitted first; None for the others.
     """
 
     summary: str
-    kind: type[NeighbourMethod] | None
+    kind: type[NeighbourMethod] | None = None
+    load: Callable[[Path], Reconstructor[Any]] | None = None
 
 
 METHODS: Mapping[str, MethodEntry] = MappingProxyType(
@@ -35,7 +38,7 @@ METHODS: Mapping[str, MethodEntry] = MappingProxyType(
         "local-pcr": MethodEntry("local principal component regression (Liu et al. 2011)", LocalPcr),
         "local-pca": MethodEntry("local PCA of the neighbours' poses (Chai and Hodgins 2005)", LocalPca),
         "nearest-example": MethodEntry("the nearest moment's pose, bent to the sensors", NearestExample),
-        "inverse-kinematics": MethodEntry("the previous pose, bent to the sensors; no library", None),
+        "inverse-kinematics": MethodEntry("the previous pose, bent to the sensors; no library"),
     }
 )
 """Every method, the recommended one first."""
@@ -49,8 +52,17 @@ def needs_library(name: str) -> bool:
     return _entry(name).kind is not None
 
 
+def needs_model(name: str) -> bool:
+    """Whether a method runs a fitted model. Raises MethodError for an unknown name."""
+    return _entry(name).load is not None
+
+
 def make_method(
-    name: str, layout: SensorLayout, library: MotionLibrary | None = None, allowed: Bools[Array, "poses"] | None = None
+    name: str,
+    layout: SensorLayout,
+    library: MotionLibrary | None = None,
+    allowed: Bools[Array, "poses"] | None = None,
+    model: Path | None = None,
 ) -> Reconstructor[Any]:
     """A method by name, with its tuned settings.
 
@@ -59,11 +71,21 @@ def make_method(
         layout: The sensors.
         library: The motion library, for methods that ask one.
         allowed: Mask over the library's poses: False for those that must not be used.
+        model: File of the fitted model, for methods that are fitted first. It says its layout itself.
 
     Raises:
-        MethodError: for an unknown name, or a library that is missing.
+        MethodError: for an unknown name, or a library or model that is missing.
+        FormatError: for a file that holds no such model.
     """
-    kind = _entry(name).kind
+    entry = _entry(name)
+    if entry.load is not None:
+        if model is None:
+            raise MethodError(
+                f"the method {name!r} needs a fitted model",
+                remedy=f"Fit one with `poseloom fit {name}` and name it with --model",
+            )
+        return entry.load(model)
+    kind = entry.kind
     if kind is None:
         return InverseKinematics(layout)
     if library is None:

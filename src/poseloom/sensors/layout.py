@@ -109,13 +109,23 @@ _FOUR_BENDS = (
     ("leftElbow", "leftLowerArm"),
     ("rightElbow", "rightLowerArm"),
 )
-_SINGLE_IMUS: Mapping[str, str] = {
-    "hips-imu": "hips",
-    "left-foot-imu": "leftFoot",
-    "right-foot-imu": "rightFoot",
-    "left-hand-imu": "leftHand",
-    "right-hand-imu": "rightHand",
+# Bones that may wear an IMU, by the word that stands in a layout's name.
+_IMU_BONES: Mapping[str, str] = {
+    "hips": "hips",
+    "head": "head",
+    **{
+        f"{side}-{word}": f"{side}{bone}"
+        for side in ("left", "right")
+        for word, bone in (
+            ("foot", "Foot"),
+            ("shank", "LowerLeg"),
+            ("thigh", "UpperLeg"),
+            ("hand", "Hand"),
+            ("forearm", "LowerArm"),
+        )
+    },
 }
+_MOST_IMUS = 3
 
 
 @cache
@@ -123,8 +133,18 @@ def _layouts() -> Mapping[str, SensorLayout]:
     made = [
         _named("six-trackers", SensorKind.TRACKER, _SIX, _TRACKER_RATE),
         _named("three-trackers", SensorKind.TRACKER, _HEAD_AND_HANDS, _TRACKER_RATE),
-        *(_named(name, SensorKind.IMU, ((bone, bone),), _IMU_RATE) for name, bone in _SINGLE_IMUS.items()),
+        *(imu_layout(word) for word in _IMU_BONES),
+        imu_layout("right-foot", "right-hand"),
+        imu_layout("right-foot", "left-hand"),
         _named("flex-four", SensorKind.FLEX, _FOUR_BENDS, _FLEX_RATE),
+        make_layout(
+            "flex-four+hips-imu",
+            [
+                *(SensorSpec(sensor, SensorKind.FLEX, bone) for sensor, bone in _FOUR_BENDS),
+                SensorSpec("hips", SensorKind.IMU, "hips"),
+            ],
+            _FLEX_RATE,
+        ),
     ]
     return {each.name: each for each in made}
 
@@ -133,14 +153,41 @@ def _named(name: str, kind: SensorKind, sensors: Iterable[tuple[str, str]], rate
     return make_layout(name, (SensorSpec(sensor, kind, bone) for sensor, bone in sensors), rate)
 
 
+def imu_layout(*words: str, rate: float = _IMU_RATE) -> SensorLayout:
+    """A layout of one to three IMUs, named by where they are worn, such as `right-foot+right-hand-imu`.
+
+    Args:
+        words: "hips", "head", or left- or right- with foot, shank, thigh, hand or forearm.
+        rate: Samples a second.
+
+    Raises:
+        SensorError: for an unknown word, none, more than three, or the same one twice.
+    """
+    unknown = next((word for word in words if word not in _IMU_BONES), None)
+    if unknown is not None:
+        raise unknown_name("place for an IMU", unknown, _IMU_BONES, SensorError)
+    if len(words) > _MOST_IMUS:
+        raise SensorError(f"a layout of {len(words)} IMUs", remedy=f"Choose at most {_MOST_IMUS}")
+    name = f"{'+'.join(words)}-imu"
+    bones = [_IMU_BONES[word] for word in words]
+    return make_layout(name, (SensorSpec(bone, SensorKind.IMU, bone) for bone in bones), rate)
+
+
 def layout_names() -> tuple[str, ...]:
     """Names of the built-in layouts."""
     return tuple(_layouts())
 
 
 def layout(name: str) -> SensorLayout:
-    """A built-in layout. Raises SensorError, with the valid names, for an unknown one."""
+    """A built-in layout, or one to three IMUs at any places, such as `left-shank+right-hand-imu`.
+
+    Raises:
+        SensorError: with the valid names, for an unknown one.
+    """
     known = _layouts()
+    words = name.removesuffix("-imu").split("+")
+    if name not in known and name.endswith("-imu") and all(word in _IMU_BONES for word in words):
+        return imu_layout(*words)
     if name not in known:
         raise unknown_name("sensor layout", name, known, SensorError)
     return known[name]
