@@ -17,9 +17,9 @@ from poseloom.errors import PoseloomError
 from poseloom.evaluation.results import MethodResult, SequenceResult, compare, mean_over_sequences
 from poseloom.report import page_data
 from poseloom.report.html import write_report
-from poseloom.report.mannequin import limbs
 from poseloom.report.strip import StripRow, sequence_strip, strip_svg
 from poseloom.skeleton.body import BODY_BONES, average_body
+from poseloom.skeleton.mannequin import limbs
 from poseloom.skeleton.motion import Motion, make_motion
 
 RATE = 40.0

@@ -11,9 +11,9 @@ import pygltflib as gltf  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats
-from poseloom.formats._figure_mesh import Mesh, figure_mesh
 from poseloom.formats._files import write_bytes
 from poseloom.rotations import quat_from_rotvec
+from poseloom.skeleton.figure_mesh import Mesh, figure_mesh
 from poseloom.skeleton.motion import Motion
 
 _COLOUR = [0.32, 0.55, 0.75, 1.0]

@@ -11,8 +11,8 @@ from poseloom.arrays import Array, Bools, Floats, Ints
 from poseloom.evaluation import profiles
 from poseloom.evaluation.metrics import METRIC_LABELS
 from poseloom.evaluation.results import MethodResult, SequenceResult, mean_over_sequences, truth_of
-from poseloom.report.mannequin import limbs
 from poseloom.skeleton.body import BODY_BONES, moving_dofs
+from poseloom.skeleton.mannequin import limbs
 from poseloom.skeleton.motion import Motion
 
 TRUTH_COLOUR = "#8a8f9c"

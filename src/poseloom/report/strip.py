@@ -11,10 +11,10 @@ from scipy.spatial import ConvexHull  # pyright: ignore[reportMissingTypeStubs]
 
 from poseloom.arrays import Array, Floats
 from poseloom.evaluation.results import SequenceResult
-from poseloom.report.mannequin import Limb, limbs
 from poseloom.report.page_data import TRUTH_COLOUR, method_colour
 from poseloom.rotations import heading_angle, quat_from_rotvec
 from poseloom.skeleton.kinematics import BoneFrames, motion_frames
+from poseloom.skeleton.mannequin import Limb, limbs
 from poseloom.skeleton.motion import Motion
 
 _LIGHT = np.array([0.35, 0.86, 0.38]) / np.linalg.norm([0.35, 0.86, 0.38])

@@ -1,6 +1,6 @@
 """The visible body of the figures: smooth limbs of elliptic cross-section, each fixed to one bone.
 
-Drawn by the HTML report's own renderer and by the still pictures alike, so that a body looks the same in both.
+Drawn by the HTML report's own renderer, by the still pictures and by the viewer, so that a body looks the same in all.
 """
 
 from dataclasses import dataclass
@@ -8,8 +8,9 @@ from functools import cache
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats
+from poseloom.arrays import Array, Floats, Ints
 from poseloom.skeleton.body import BODY_BONES, MIRROR, average_body
+from poseloom.skeleton.figure_mesh import Mesh, capsule, joined
 from poseloom.skeleton.skeleton import Skeleton
 
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -49,6 +50,17 @@ def limbs(skeleton: Skeleton) -> tuple[Limb, ...]:
 def limb_bones() -> tuple[int, ...]:
     """For each limb of any body the index of its bone."""
     return tuple(limb.bone for limb in limbs(average_body()))
+
+
+def mannequin_mesh(skeleton: Skeleton) -> Mesh:
+    """The limbs' surface as triangles around the body in its rest pose."""
+    rest = skeleton.rest_positions()
+    parts: list[tuple[int, Floats[Array, "vertices 3"], Ints[Array, "triangles 3"]]] = []
+    for limb in limbs(skeleton):
+        wide, deep, end_wide, end_deep = (float(radius) for radius in limb.radii)
+        vertices, triangles = capsule(limb.start, limb.end, (wide, deep, end_wide, end_deep), limb.side)
+        parts.append((limb.bone, vertices + rest[limb.bone], triangles))
+    return joined(parts)
 
 
 def _leg(skeleton: Skeleton) -> float:

@@ -53,9 +53,9 @@ def figure_mesh(skeleton: Skeleton) -> Mesh:
     parts: list[tuple[int, Floats[Array, "vertices 3"], Ints[Array, "triangles 3"]]] = []
     for joint in range(len(skeleton)):
         for start, end, radii in shape.segments(joint):
-            vertices, triangles = _capsule(start, end, radii, shape.side(joint))
+            vertices, triangles = capsule(start, end, radii, shape.side(joint))
             parts.append((joint, vertices + rest[joint], triangles))
-    return _joined(parts)
+    return joined(parts)
 
 
 class _Shape:
@@ -171,13 +171,23 @@ class _Shape:
         return along * 0.5 * radius, along * max(top - radius, radius), (0.9 * radius, 0.9 * radius, radius, radius)
 
 
-def _capsule(
+def capsule(
     start: Floats[Array, "3"],
     end: Floats[Array, "3"],
     radii: tuple[float, float, float, float],
     side: Floats[Array, "3"],
 ) -> tuple[Floats[Array, "vertices 3"], Ints[Array, "triangles 3"]]:
-    """A rounded tapered tube; its cross-section is an ellipse whose wide axis lies as near to `side` as it can."""
+    """A rounded tapered tube; its cross-section is an ellipse whose wide axis lies as near to `side` as it can.
+
+    Args:
+        start: Centre of the first end, metres.
+        end: Centre of the other end.
+        radii: Half width and half depth at the start, then at the end.
+        side: Direction along which the half width is measured.
+
+    Returns:
+        Vertices, and triangles of three vertices each, counter-clockwise from outside.
+    """
     axis = end - start
     length = float(np.linalg.norm(axis))
     up = np.array([0.0, 1.0, 0.0])
@@ -204,7 +214,8 @@ def _ring_triangles(rings: int) -> Ints[Array, "triangles 3"]:
     return np.concatenate([lower, upper], axis=1).reshape(-1, 3).astype(np.int64)
 
 
-def _joined(parts: Sequence[tuple[int, Floats[Array, "vertices 3"], Ints[Array, "triangles 3"]]]) -> Mesh:
+def joined(parts: Sequence[tuple[int, Floats[Array, "vertices 3"], Ints[Array, "triangles 3"]]]) -> Mesh:
+    """One mesh of several parts: for each the joint that carries it, its vertices and its triangles."""
     if not parts:
         none: NDArray[np.int64] = np.empty((0, 3), dtype=np.int64)
         return Mesh(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, dtype=np.int64), none)
