@@ -74,6 +74,10 @@ class MethodError(PoseloomError):
     """A method is unknown, or cannot run with what it was given."""
 
 
+class ViewerError(PoseloomError):
+    """The viewer cannot listen where it was told to, or has nothing to show."""
+
+
 def unknown_name(
     what: str, name: str, valid: Iterable[str], kind: type[PoseloomError] = PoseloomError
 ) -> PoseloomError:
