@@ -10,7 +10,7 @@ import numpy as np
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.errors import SensorError
 from poseloom.rotations import quat_from_rotvec, quat_multiply
-from poseloom.sensors.layout import SensorLayout
+from poseloom.sensors.layout import SensorKind, SensorLayout
 from poseloom.synthesis.noise import Streams, outliers
 
 
@@ -19,7 +19,8 @@ class FaultKind(enum.StrEnum):
 
     SILENT: nothing comes. STUCK: the last reading before the fault is repeated as if it were new. OUTLIERS: a share of
     readings lies off. NOISE: more white noise. DRIFT: an error in one direction that grows evenly to its size at the
-    end, and then is gone. SWAP: the readings of two sensors are exchanged.
+    end, and then is gone. SWAP: the readings of two sensors are exchanged. Of flex sensors only: SATURATED: the reading
+    stands at the upper end. REPLACED: from its start on, for good, another, new sensor is worn.
     """
 
     SILENT = "silent"
@@ -28,6 +29,8 @@ class FaultKind(enum.StrEnum):
     NOISE = "noise"
     DRIFT = "drift"
     SWAP = "swap"
+    SATURATED = "saturated"
+    REPLACED = "replaced"
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class Fault:
         size_rad: The same for the orientation.
         share: Share of samples that are hit, for outliers.
         other: Name of the sensor to swap with.
+        size_counts: As `size_m`, for the counts of a flex sensor.
     """
 
     sensor: str
@@ -53,6 +57,7 @@ class Fault:
     size_rad: float = 0.5
     share: float = 1.0
     other: str = ""
+    size_counts: float = 300.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +77,12 @@ class Readings:
 
 def check_fault(fault: Fault, layout: SensorLayout) -> None:
     """Raises SensorError for an unknown sensor, an interval that is none, or sizes that make no sense."""
-    layout.index(fault.sensor)
+    worn = layout.sensors[layout.index(fault.sensor)].kind
+    if fault.kind in (FaultKind.SATURATED, FaultKind.REPLACED) and worn is not SensorKind.FLEX:
+        raise SensorError(
+            f"a fault {fault.kind.value!r} of {fault.sensor!r}, which is no flex sensor",
+            remedy="Choose another fault, such as silent or stuck",
+        )
     if fault.kind is FaultKind.SWAP:
         layout.index(fault.other)
     if math.isnan(fault.start) or math.isnan(fault.stop) or fault.stop <= fault.start:
@@ -80,7 +90,8 @@ def check_fault(fault: Fault, layout: SensorLayout) -> None:
             f"a fault of {fault.sensor!r} lasts from {fault.start} s to {fault.stop} s",
             remedy="Let it stop after its start",
         )
-    for name, size in (("size_m", fault.size_m), ("size_rad", fault.size_rad), ("share", fault.share)):
+    for name in ("size_m", "size_rad", "size_counts", "share"):
+        size = getattr(fault, name)
         if not (math.isfinite(size) and size >= 0) or (name == "share" and size > 1):
             raise SensorError(
                 f"a fault of {fault.sensor!r} has the {name} {size}",
