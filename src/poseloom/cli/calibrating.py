@@ -224,7 +224,7 @@ def _truth_line(heard: "Recording", found: "Calibration") -> str:
     import numpy as np
 
     from poseloom.synthesis import true_placements
-    from poseloom.synthesis.trackers import TRUE_PLACEMENTS
+    from poseloom.synthesis.wearing import TRUE_PLACEMENTS
 
     if heard.truth is None or TRUE_PLACEMENTS not in heard.settings:
         return ""

@@ -27,7 +27,7 @@ def resample(motion: Motion, rate: float) -> Motion:
         raise PoseloomError(f"cannot resample to {rate} frames a second", remedy="Give a positive, finite rate")
     if rate == motion.rate:
         return motion
-    before, fraction = _instants(len(motion), motion.rate, float(rate))
+    before, fraction = frame_instants(len(motion), motion.rate, float(rate))
     after = np.minimum(before + 1, len(motion) - 1)
     q = motion.q[before]
     between = np.flatnonzero(fraction)
@@ -57,8 +57,14 @@ def interpolate_pose_vectors(
     return straight
 
 
-def _instants(count: int, old: float, new: float) -> tuple[Ints[Array, "instants"], Floats[Array, "instants"]]:
-    """For each new frame the old one before it and the fraction of the way to the next."""
+def frame_instants(count: int, old: float, new: float) -> tuple[Ints[Array, "instants"], Floats[Array, "instants"]]:
+    """For each new frame of `resample` the old one before it and the fraction of the way to the next.
+
+    Args:
+        count: Old frames.
+        old: Their rate, Hz.
+        new: The new rate.
+    """
     step = old / new
     # Rates that are almost whole multiples are meant to be: without this, small errors add up over a long take.
     for ratio in (step, 1 / step):

@@ -1,17 +1,18 @@
-"""Faults on demand: what goes wrong with one tracker from one moment to another."""
+"""Faults on demand: what goes wrong with one sensor from one moment to another."""
 
+import abc
 import enum
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.errors import SensorError
-from poseloom.rotations import quat_from_rotvec, quat_multiply
 from poseloom.sensors.layout import SensorKind, SensorLayout
-from poseloom.synthesis.noise import Streams, outliers
+from poseloom.synthesis.noise import Streams
 
 
 class FaultKind(enum.StrEnum):
@@ -42,10 +43,13 @@ class Fault:
         start: Device time at which it begins, seconds.
         stop: Device time at which it is over, seconds; a sample at this time is sound.
         kind: What goes wrong.
-        size_m: Of outliers: how far off; of noise: standard deviation an axis; of drift: its length at the end.
-        size_rad: The same for the orientation.
+        size_m: Of a tracker's outliers: how far off; of noise: standard deviation an axis; of drift: its length at the
+            end.
+        size_rad: The same for a tracker's orientation.
         share: Share of samples that are hit, for outliers.
-        other: Name of the sensor to swap with.
+        other: Name of the sensor to swap with, which must be of the same kind.
+        size_m_s2: As `size_m`, for the specific force of an IMU.
+        size_rad_s: The same for its angular rate.
         size_counts: As `size_m`, for the counts of a flex sensor.
     """
 
@@ -57,22 +61,32 @@ class Fault:
     size_rad: float = 0.5
     share: float = 1.0
     other: str = ""
+    size_m_s2: float = 30.0
+    size_rad_s: float = 6.0
     size_counts: float = 300.0
 
 
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """What trackers say, to be spoilt in place.
+class Readings(abc.ABC):
+    """What the sensors of one kind say, to be spoilt in place.
 
     Attributes:
         times: Device times, seconds.
-        positions: Metres, world; NaN = missing.
-        quats_wxyz: `R_world_sensor`; NaN = missing.
     """
 
     times: Floats[Array, "samples"]
-    positions: Floats[Array, "samples sensors 3"]
-    quats_wxyz: Floats[Array, "samples sensors 4"]
+
+    @property
+    @abc.abstractmethod
+    def channels(self) -> tuple[Floats[Array, "samples sensors *value"], ...]:
+        """What is said: each channel's values, NaN = missing; all channels of a sensor are missing together."""
+
+    @abc.abstractmethod
+    def errors(self, fault: Fault, stream: Generator, count: int) -> Floats[Array, "count error"]:
+        """Draws `count` errors of the fault's size: of white noise for noise, else in random directions."""
+
+    @abc.abstractmethod
+    def disturb(self, sensor: int, hit: Bools[Array, "samples"], errors: Floats[Array, "hits error"]) -> None:
+        """Adds one error to each sample of a sensor that is hit."""
 
 
 def check_fault(fault: Fault, layout: SensorLayout) -> None:
@@ -90,7 +104,7 @@ def check_fault(fault: Fault, layout: SensorLayout) -> None:
             f"a fault of {fault.sensor!r} lasts from {fault.start} s to {fault.stop} s",
             remedy="Let it stop after its start",
         )
-    for name in ("size_m", "size_rad", "size_counts", "share"):
+    for name in ("size_m", "size_rad", "size_m_s2", "size_rad_s", "size_counts", "share"):
         size = getattr(fault, name)
         if not (math.isfinite(size) and size >= 0) or (name == "share" and size > 1):
             raise SensorError(
@@ -105,16 +119,16 @@ def apply_faults(readings: Readings, faults: Iterable[Fault], layout: SensorLayo
         sensor = layout.index(fault.sensor)
         hit = (readings.times >= fault.start) & (readings.times < fault.stop)
         if fault.kind is FaultKind.SILENT:
-            readings.positions[hit, sensor] = np.nan
-            readings.quats_wxyz[hit, sensor] = np.nan
+            for values in readings.channels:
+                values[hit, sensor] = np.nan
         elif fault.kind is FaultKind.STUCK:
             _freeze(readings, sensor, hit)
         elif fault.kind is FaultKind.SWAP:
             other = layout.index(fault.other)
-            for values in (readings.positions, readings.quats_wxyz):
+            for values in readings.channels:
                 values[hit, sensor], values[hit, other] = values[hit, other].copy(), values[hit, sensor].copy()
         else:
-            _disturb(readings, sensor, hit, _errors(fault, readings.times[hit], streams))
+            readings.disturb(sensor, hit, _errors(fault, readings, hit, streams))
 
 
 def _freeze(readings: Readings, sensor: int, hit: Bools[Array, "samples"]) -> None:
@@ -122,24 +136,22 @@ def _freeze(readings: Readings, sensor: int, hit: Bools[Array, "samples"]) -> No
     places = np.flatnonzero(hit)
     if places.size == 0:
         return
-    came = np.flatnonzero(np.isfinite(readings.positions[: max(int(places[0]), 1), sensor, 0]))
+    said = readings.channels[0][: max(int(places[0]), 1), sensor]
+    came = np.flatnonzero(np.isfinite(said.reshape(len(said), -1)[:, 0]))
     held = int(came[-1]) if came.size else int(places[0])
-    readings.positions[hit, sensor] = readings.positions[held, sensor].copy()
-    readings.quats_wxyz[hit, sensor] = readings.quats_wxyz[held, sensor].copy()
+    for values in readings.channels:
+        values[hit, sensor] = values[held, sensor].copy()
 
 
-def _errors(fault: Fault, times: Floats[Array, "hits"], streams: Streams) -> Floats[Array, "hits 6"]:
+def _errors(
+    fault: Fault, readings: Readings, hit: Bools[Array, "samples"], streams: Streams
+) -> Floats[Array, "hits error"]:
     stream = streams.stream(fault.sensor, "fault", fault.kind, f"{fault.start!r}")
+    times = readings.times[hit]
     if fault.kind is FaultKind.NOISE:
-        return np.asarray(stream.normal(size=(len(times), 6)) * np.repeat([fault.size_m, fault.size_rad], 3))
+        return readings.errors(fault, stream, len(times))
     if fault.kind is FaultKind.DRIFT:
         grown = (times - fault.start) / (fault.stop - fault.start)
-        return np.asarray(grown[:, None] * outliers(stream, 1, fault.size_m, fault.size_rad))
-    errors = outliers(stream, len(times), fault.size_m, fault.size_rad)
+        return np.asarray(grown[:, None] * readings.errors(fault, stream, 1))
+    errors = readings.errors(fault, stream, len(times))
     return np.where((stream.random(len(times)) < fault.share)[:, None], errors, 0.0)
-
-
-def _disturb(readings: Readings, sensor: int, hit: Bools[Array, "samples"], errors: Floats[Array, "hits 6"]) -> None:
-    readings.positions[hit, sensor] += errors[:, :3]
-    turns = quat_from_rotvec(errors[:, 3:])
-    readings.quats_wxyz[hit, sensor] = quat_multiply(readings.quats_wxyz[hit, sensor], turns)

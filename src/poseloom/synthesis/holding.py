@@ -23,7 +23,8 @@ from poseloom.skeleton.resample import interpolate_pose_vectors
 from poseloom.skeleton.skeleton import Skeleton
 from poseloom.synthesis.faults import Fault
 from poseloom.synthesis.noise import Streams, TrackerNoise
-from poseloom.synthesis.trackers import TRUE_PLACEMENTS, simulate_trackers
+from poseloom.synthesis.trackers import simulate_trackers
+from poseloom.synthesis.wearing import TRUE_PLACEMENTS
 
 
 @dataclass(frozen=True)

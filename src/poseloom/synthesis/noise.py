@@ -1,4 +1,4 @@
-"""How virtual trackers err: parameters, and the errors drawn from them."""
+"""How virtual sensors err and deliver: parameters, and the errors drawn from them."""
 
 import math
 import zlib
@@ -13,15 +13,35 @@ from poseloom.arrays import Array, Bools, Floats
 from poseloom.errors import SensorError
 
 _PROBABILITIES = ("outlier_probability", "drop_out_probability")
-_MUST_BE_POSITIVE = ("drift_seconds", "burst_seconds")
+_MAY_BE_INFINITE = ("bandwidth_hz", "force_range_m_s2", "rate_range_rad_s")
+_MUST_BE_POSITIVE = ("drift_seconds", "burst_seconds", *_MAY_BE_INFINITE)
 
 
 @dataclass(frozen=True)
-class TrackerNoise:
+class Delivery:
+    """How samples of any kind of sensor get lost and come late. By default none does.
+
+    Attributes:
+        drop_out_probability: That a single sample of a sensor is missing.
+        burst_rate_hz: How often, per second and sensor, a longer drop-out begins.
+        burst_seconds: Mean length of those (exponential).
+        latency_s: From a sample's time to its arrival.
+        jitter_s: Scale of a further random delay (half-normal). Samples never overtake each other.
+    """
+
+    drop_out_probability: float = 0.0
+    burst_rate_hz: float = 0.0
+    burst_seconds: float = 0.3
+    latency_s: float = 0.0
+    jitter_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class TrackerNoise(Delivery):
     """Errors of trackers. By default 3 mm and 0.5 degrees of white noise, and nothing else.
 
     Lengths are metres in the world, angles radians about the sensor's own axes (`R_measured = R_true exp(error)`); a
-    standard deviation holds for each of the three axes.
+    standard deviation holds for each of the three axes. Losses and delays: see `Delivery`.
 
     Attributes:
         position_m: Standard deviation of white noise, each sample anew.
@@ -34,11 +54,6 @@ class TrackerNoise:
         outlier_probability: That a sensor's sample is an outlier.
         outlier_m: How far an outlier lies off, in a random direction.
         outlier_rad: By what angle it is turned, about a random axis.
-        drop_out_probability: That a single sample of a sensor is missing.
-        burst_rate_hz: How often, per second and sensor, a longer drop-out begins.
-        burst_seconds: Mean length of those (exponential).
-        latency_s: From a sample's time to its arrival.
-        jitter_s: Scale of a further random delay (half-normal). Samples never overtake each other.
         lag_s: By how much older the measured pose is than the sample's time, as with devices that stamp on sending.
         placement_m: Standard deviation of the offset between where a sensor really sits and where the recording says.
         placement_rad: The same for how it is turned.
@@ -54,11 +69,6 @@ class TrackerNoise:
     outlier_probability: float = 0.0
     outlier_m: float = 0.3
     outlier_rad: float = 0.5
-    drop_out_probability: float = 0.0
-    burst_rate_hz: float = 0.0
-    burst_seconds: float = 0.3
-    latency_s: float = 0.0
-    jitter_s: float = 0.0
     lag_s: float = 0.0
     placement_m: float = 0.0
     placement_rad: float = 0.0
@@ -68,16 +78,20 @@ NO_NOISE = TrackerNoise(position_m=0.0, orientation_rad=0.0)
 """Trackers that tell the truth."""
 
 
-def check_noise(noise: TrackerNoise) -> None:
-    """Raises SensorError for a parameter that is not finite, negative, or a probability above one."""
+def check_noise(noise: Delivery) -> None:
+    """Raises SensorError for a parameter that is not finite, negative, or a probability above one.
+
+    A bandwidth and the ends of a sensor's range may be infinite.
+    """
     for each in fields(noise):
         value = getattr(noise, each.name)
         upper = 1.0 if each.name in _PROBABILITIES else math.inf
-        if not (math.isfinite(value) and 0.0 <= value <= upper) or (value == 0.0 and each.name in _MUST_BE_POSITIVE):
+        finite = math.isfinite(value) or (value == math.inf and each.name in _MAY_BE_INFINITE)
+        if not (finite and 0.0 <= value <= upper) or (value == 0.0 and each.name in _MUST_BE_POSITIVE):
             asked = "a number from 0 to 1" if each.name in _PROBABILITIES else "a finite number that is not negative"
             raise SensorError(
                 f"the noise's {each.name} is {value}",
-                remedy="Give a positive, finite number" if each.name in _MUST_BE_POSITIVE else f"Give {asked}",
+                remedy="Give a positive number" if each.name in _MUST_BE_POSITIVE else f"Give {asked}",
             )
 
 
@@ -120,7 +134,7 @@ def draw_errors(noise: TrackerNoise, samples: int, rate: float, sensor: str, str
     """Bias, drift, white noise, outliers and drop-outs of one tracker."""
 
     def six(purpose: str, count: int, lengths: float, angles: float) -> Floats[Array, "count 6"]:
-        return np.asarray(streams.stream(sensor, purpose).normal(size=(count, 6)) * np.repeat([lengths, angles], 3))
+        return two_vectors(streams.stream(sensor, purpose), count, lengths, angles)
 
     total = six("white", samples, noise.position_m, noise.orientation_rad)
     total += six("bias", 1, noise.bias_m, noise.bias_rad)
@@ -131,9 +145,19 @@ def draw_errors(noise: TrackerNoise, samples: int, rate: float, sensor: str, str
     far = streams.stream(sensor, "outlier rate").random(samples) < noise.outlier_probability
     off = outliers(streams.stream(sensor, "outlier"), samples, noise.outlier_m, noise.outlier_rad)
     total[far] += off[far]
-    gone = streams.stream(sensor, "drop-out").random(samples) < noise.drop_out_probability
-    gone |= _bursts(noise, samples, rate, streams.stream(sensor, "burst"))
+    gone = draw_gaps(noise, samples, rate, sensor, streams)
     return TrackerErrors(np.ascontiguousarray(total[:, :3]), np.ascontiguousarray(total[:, 3:]), gone)
+
+
+def two_vectors(stream: Generator, count: int, first: float, second: float) -> Floats[Array, "count 6"]:
+    """White noise of two vectors, with a standard deviation an axis for each."""
+    return np.asarray(stream.normal(size=(count, 6)) * np.repeat([first, second], 3))
+
+
+def draw_gaps(noise: Delivery, samples: int, rate: float, sensor: str, streams: Streams) -> Bools[Array, "samples"]:
+    """Which samples of a sensor are missing."""
+    gone = streams.stream(sensor, "drop-out").random(samples) < noise.drop_out_probability
+    return np.asarray(gone | _bursts(noise, samples, rate, streams.stream(sensor, "burst")))
 
 
 def _drift(draws: Floats[Array, "samples 6"], keep: float) -> Floats[Array, "samples 6"]:
@@ -146,13 +170,13 @@ def _drift(draws: Floats[Array, "samples 6"], keep: float) -> Floats[Array, "sam
 
 
 def outliers(stream: Generator, samples: int, length: float, angle: float) -> Floats[Array, "samples 6"]:
-    """A displacement of a length and a rotation vector of an angle in random directions for each sample."""
+    """Two vectors of given lengths in random directions for each sample, such as a shift and a rotation vector."""
     directions = stream.normal(size=(samples, 2, 3))
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     return np.asarray((directions * np.array([length, angle])[:, None]).reshape(samples, 6))
 
 
-def _bursts(noise: TrackerNoise, samples: int, rate: float, stream: Generator) -> NDArray[np.bool_]:
+def _bursts(noise: Delivery, samples: int, rate: float, stream: Generator) -> NDArray[np.bool_]:
     gone = np.zeros(samples, dtype=np.bool_)
     begins = stream.random(samples) < -math.expm1(-noise.burst_rate_hz / rate)
     lengths = np.ceil(stream.exponential(noise.burst_seconds * rate, samples)).astype(np.int64)
@@ -161,7 +185,7 @@ def _bursts(noise: TrackerNoise, samples: int, rate: float, stream: Generator) -
     return gone
 
 
-def draw_arrivals(noise: TrackerNoise, times: Floats[Array, "samples"], streams: Streams) -> Floats[Array, "samples"]:
+def draw_arrivals(noise: Delivery, times: Floats[Array, "samples"], streams: Streams) -> Floats[Array, "samples"]:
     """When samples reach the host: later by latency and jitter, in order."""
     delays = noise.latency_s + noise.jitter_s * np.abs(streams.stream("arrival").normal(size=len(times)))
     return np.asarray(np.maximum.accumulate(times + delays))
