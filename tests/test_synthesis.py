@@ -195,7 +195,7 @@ def test_adding_a_sensor_or_a_kind_of_noise_leaves_the_rest_alone(motion: Motion
 
 
 @given(
-    kind=st.sampled_from([kind for kind in FaultKind if kind is not FaultKind.SWAP]),
+    kind=st.sampled_from(["silent", "stuck", "outliers", "noise", "drift"]).map(FaultKind),
     sensor=st.sampled_from(SIX.names),
     start=st.floats(-1.0, 5.0),
     length=st.floats(0.2, 6.0),

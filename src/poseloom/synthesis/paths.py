@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
-from scipy.linalg import solveh_banded
+from scipy.interpolate import BSpline  # pyright: ignore[reportMissingTypeStubs]
+from scipy.linalg import solveh_banded  # pyright: ignore
 
 from poseloom.arrays import Array, Floats
 
@@ -47,7 +47,7 @@ class SmoothPath:
         for shift, share in enumerate(_BASIS):
             right[shift : shift + len(padded)] += share * padded
         bands = _gram(_BASIS, count) + weight * _gram(_THIRD_DIFFERENCE, count)
-        coefficients = solveh_banded(bands, right)
+        coefficients = np.asarray(solveh_banded(bands, right), dtype=np.float64)
         knots = np.arange(-_DEGREE, len(padded) + _DEGREE, dtype=np.float64)
         self._spline = BSpline(knots, coefficients, _DEGREE)
 
