@@ -88,6 +88,46 @@ def test_every_option_reaches_the_recording(clip: Path, tmp_path: Path):
     assert (recording.status[silent, 0] == SensorStatus.MISSING).all()
 
 
+def test_imus_are_worn_with_their_own_options(clip: Path, tmp_path: Path):
+    out = tmp_path / "imus.mcap"
+    options = (
+        "--layout left-shank+head-imu --rate 100 --noise-m-s2 0.5 --noise-deg-s 2 --bias-m-s2 3 --bias-deg-s 4"
+        " --bandwidth-hz 9 --range-g 2 --range-deg-s 300 --clock-ppm 50 --clock-offset-ms 6 --drop-outs 0.1"
+        " --placement-error-mm 7 --placement-error-deg 8 --fault silent:head:0.5:1"
+    )
+    assert run(["simulate", str(clip), "-o", str(out), *options.split()]) == 0
+    recording = read_recording(out)
+    assert (recording.layout.name, recording.layout.rate, len(recording)) == ("left-shank+head-imu", 100.0, 201)
+    told = {key.removeprefix("noise "): float(value) for key, value in recording.settings.items() if "noise " in key}
+    expected = {
+        "force_m_s2": 0.5,
+        "rate_rad_s": math.radians(2),
+        "force_bias_m_s2": 3.0,
+        "rate_bias_rad_s": math.radians(4),
+        "bandwidth_hz": 9.0,
+        "force_range_m_s2": 2 * 9.80665,
+        "rate_range_rad_s": math.radians(300),
+        "clock_error": 5e-5,
+        "clock_offset_s": 0.006,
+        "drop_out_probability": 0.1,
+        "placement_m": 0.007,
+        "placement_rad": math.radians(8),
+    }
+    assert {key: told[key] for key in expected} == pytest.approx(expected)
+    assert (recording.status[50:100, 1] == SensorStatus.MISSING).all()
+
+
+@pytest.mark.parametrize("layout_name", ["six-trackers", "right-foot-imu"])
+def test_ideal_sensors_err_only_as_asked(clip: Path, tmp_path: Path, layout_name: str):
+    out = tmp_path / "ideal.mcap"
+    command = ["simulate", str(clip), "-o", str(out), "--layout", layout_name, "--ideal", "--latency-ms", "5"]
+    assert run(command) == 0
+    told = {key: value for key, value in read_recording(out).settings.items() if key.startswith("noise ")}
+    told = {key: value for key, value in told.items() if value != "inf"}
+    sizes = ("seconds", "outlier")  # of what never happens
+    assert {key for key in told if not any(size in key for size in sizes)} == {"noise latency_s"}
+
+
 def test_a_sample_motion_becomes_a_recording(tmp_path: Path):
     name = next(iter(sample_motions()))
     assert run(["simulate", f"sample:{name}", "-o", str(tmp_path / "s.mcap"), "--noise-mm", "0"]) == 0
@@ -99,7 +139,9 @@ def test_a_sample_motion_becomes_a_recording(tmp_path: Path):
     [
         (["CLIP", "-o", "OUT.bvh"], "Name an .mcap file"),
         (["CLIP", "-o", "OUT.mcap", "--layout", "six-tracker"], "Did you mean 'six-trackers'"),
-        (["CLIP", "-o", "OUT.mcap", "--layout", "hips-imu"], "no trackers"),
+        (["CLIP", "-o", "OUT.mcap", "--layout", "hips-imu", "--noise-mm", "1"], "--noise-mm does not belong to IMUs"),
+        (["CLIP", "-o", "OUT.mcap", "--clock-ppm", "1"], "--clock-ppm does not belong to trackers"),
+        (["CLIP", "-o", "OUT.mcap", "--rate", "0"], "a rate of 0.0 Hz"),
         (["CLIP", "-o", "OUT.mcap", "--outliers", "2"], "outlier_probability is 2.0"),
         (["CLIP", "-o", "OUT.mcap", "--noise-mm", "-1"], "position_m is -0.001"),
         (["CLIP", "-o", "OUT.mcap", "--start", "5"], "lasts 2.00 s"),

@@ -1,7 +1,7 @@
-"""`poseloom simulate`: virtual trackers on a motion, recorded."""
+"""`poseloom simulate`: virtual sensors on a motion, recorded."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,23 +21,57 @@ def register(app: typer.Typer) -> None:
     app.command("simulate")(simulate)
 
 
+_TRACKERS, _IMUS, _ALL = "Trackers", "IMUs", "All sensors"
+
+
+def _option(panel: str, text: str) -> Any:
+    return typer.Option(help=text, rich_help_panel=panel)
+
+
 def simulate(
     clip: Annotated[str, typer.Argument(help="A motion file, or sample:NAME for a built-in sample motion.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The recording to write, an .mcap file.")],
-    layout: Annotated[str, typer.Option(help="Which trackers are worn.")] = "six-trackers",
-    noise_mm: Annotated[float, typer.Option(help="Standard deviation of position noise, millimetres an axis.")] = 3.0,
-    noise_deg: Annotated[float, typer.Option(help="Standard deviation of orientation noise, degrees an axis.")] = 0.5,
-    bias_mm: Annotated[float, typer.Option(help="Standard deviation of a constant position error.")] = 0.0,
-    bias_deg: Annotated[float, typer.Option(help="Standard deviation of a constant orientation error.")] = 0.0,
-    drift_mm: Annotated[float, typer.Option(help="Standard deviation of a slowly varying position error.")] = 0.0,
-    drift_deg: Annotated[float, typer.Option(help="Standard deviation of a slowly varying orientation error.")] = 0.0,
-    outliers: Annotated[float, typer.Option(help="Share of samples that lie far off, 0 to 1.")] = 0.0,
-    drop_outs: Annotated[float, typer.Option(help="Share of single samples that are missing, 0 to 1.")] = 0.0,
-    bursts: Annotated[float, typer.Option(help="Longer drop-outs a second and sensor.")] = 0.0,
-    latency_ms: Annotated[float, typer.Option(help="Delay from a sample's time to its arrival.")] = 0.0,
-    jitter_ms: Annotated[float, typer.Option(help="Scale of a further random delay.")] = 0.0,
-    placement_error_mm: Annotated[float, typer.Option(help="How far sensors sit from where they should.")] = 0.0,
-    placement_error_deg: Annotated[float, typer.Option(help="How far sensors are turned from how they should.")] = 0.0,
+    layout: Annotated[
+        str, typer.Option(help="Which sensors are worn: six-trackers, right-foot-imu, left-shank+head-imu ...")
+    ] = "six-trackers",
+    rate: Annotated[float | None, typer.Option(help="Samples a second, where not the layout's own.")] = None,
+    ideal: Annotated[bool, typer.Option("--ideal", help="No errors but those that other options ask for.")] = False,
+    noise_mm: Annotated[
+        float | None, _option(_TRACKERS, "Position noise, standard deviation an axis. Default: 3.")
+    ] = None,
+    noise_deg: Annotated[float | None, _option(_TRACKERS, "Orientation noise, degrees an axis. Default: 0.5.")] = None,
+    bias_mm: Annotated[float | None, _option(_TRACKERS, "Constant position error. Default: 0.")] = None,
+    bias_deg: Annotated[float | None, _option(_TRACKERS, "Constant orientation error. Default: 0.")] = None,
+    drift_mm: Annotated[float | None, _option(_TRACKERS, "Slowly varying position error. Default: 0.")] = None,
+    drift_deg: Annotated[float | None, _option(_TRACKERS, "Slowly varying orientation error. Default: 0.")] = None,
+    outliers: Annotated[
+        float | None, _option(_TRACKERS, "Share of samples that lie far off, 0 to 1. Default: 0.")
+    ] = None,
+    noise_m_s2: Annotated[float | None, _option(_IMUS, "Noise of the specific force, an axis. Default: 0.03.")] = None,
+    noise_deg_s: Annotated[float | None, _option(_IMUS, "Noise of the angular rate, an axis. Default: 0.11.")] = None,
+    bias_m_s2: Annotated[float | None, _option(_IMUS, "Constant error of the specific force. Default: 0.1.")] = None,
+    bias_deg_s: Annotated[float | None, _option(_IMUS, "Constant error of the angular rate. Default: 0.5.")] = None,
+    bandwidth_hz: Annotated[
+        float | None, _option(_IMUS, "Where the sensor's filter passes one half. Default: 12.")
+    ] = None,
+    range_g: Annotated[float | None, _option(_IMUS, "End of the accelerometer's range. Default: 16.")] = None,
+    range_deg_s: Annotated[float | None, _option(_IMUS, "End of the gyroscope's range. Default: 2000.")] = None,
+    clock_ppm: Annotated[
+        float | None, _option(_IMUS, "Error of each sensor's clock, a millionth. Default: 20.")
+    ] = None,
+    clock_offset_ms: Annotated[float | None, _option(_IMUS, "Constant lead or lag of each sensor. Default: 0.")] = None,
+    drop_outs: Annotated[
+        float | None, _option(_ALL, "Share of single samples that are missing, 0 to 1. Default: 0.")
+    ] = None,
+    bursts: Annotated[float | None, _option(_ALL, "Longer drop-outs a second and sensor. Default: 0.")] = None,
+    latency_ms: Annotated[float | None, _option(_ALL, "Delay from a sample's time to its arrival. Default: 0.")] = None,
+    jitter_ms: Annotated[float | None, _option(_ALL, "Scale of a further random delay. Default: 0.")] = None,
+    placement_error_mm: Annotated[
+        float | None, _option(_ALL, "How far sensors sit from where they should. Default: trackers 0, IMUs 10.")
+    ] = None,
+    placement_error_deg: Annotated[
+        float | None, _option(_ALL, "How far sensors are turned from how they should. Default: trackers 0, IMUs 5.")
+    ] = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -54,38 +88,51 @@ def simulate(
     ] = None,
     name: Annotated[str | None, typer.Option(help="What to call the recording.")] = None,
 ) -> None:
-    """Let a body that moves as CLIP does wear virtual trackers, and record them.
+    """Let a body that moves as CLIP does wear virtual sensors, and record them.
 
-    Example: poseloom simulate sample:walk -o walk.mcap --fault silent:leftHand:2:3
+    Example: poseloom simulate sample:walk -o walk.mcap --layout right-foot-imu --fault silent:rightFoot:2:3
     """
+    given = {
+        "noise_mm": noise_mm,
+        "noise_deg": noise_deg,
+        "bias_mm": bias_mm,
+        "bias_deg": bias_deg,
+        "drift_mm": drift_mm,
+        "drift_deg": drift_deg,
+        "outliers": outliers,
+        "noise_m_s2": noise_m_s2,
+        "noise_deg_s": noise_deg_s,
+        "bias_m_s2": bias_m_s2,
+        "bias_deg_s": bias_deg_s,
+        "bandwidth_hz": bandwidth_hz,
+        "range_g": range_g,
+        "range_deg_s": range_deg_s,
+        "clock_ppm": clock_ppm,
+        "clock_offset_ms": clock_offset_ms,
+        "drop_outs": drop_outs,
+        "bursts": bursts,
+        "latency_ms": latency_ms,
+        "jitter_ms": jitter_ms,
+        "placement_error_mm": placement_error_mm,
+        "placement_error_deg": placement_error_deg,
+        "ideal": True if ideal else None,
+    }
     from dataclasses import replace
-    from math import radians
 
+    from poseloom.cli.virtual_sensors import simulate_worn
     from poseloom.formats.recording import write_recording
     from poseloom.sensors import layout as layout_by_name
+    from poseloom.sensors import make_layout
     from poseloom.skeleton.retarget import retarget
-    from poseloom.synthesis import TrackerNoise, simulate_trackers
 
     _check_output(output)
     worn = layout_by_name(layout)
+    if rate is not None:
+        worn = make_layout(worn.name, worn.sensors, rate)
     faults = [_parse_fault(text) for text in fault or ()]
     moving = _cut(retarget(_load(clip, skeleton)), start, stop)
-    noise = TrackerNoise(
-        position_m=noise_mm / 1e3,
-        orientation_rad=radians(noise_deg),
-        bias_m=bias_mm / 1e3,
-        bias_rad=radians(bias_deg),
-        drift_m=drift_mm / 1e3,
-        drift_rad=radians(drift_deg),
-        outlier_probability=outliers,
-        drop_out_probability=drop_outs,
-        burst_rate_hz=bursts,
-        latency_s=latency_ms / 1e3,
-        jitter_s=jitter_ms / 1e3,
-        placement_m=placement_error_mm / 1e3,
-        placement_rad=radians(placement_error_deg),
-    )
-    recording = simulate_trackers(moving, worn, noise, faults, seed)
+    asked = {option: value for option, value in given.items() if value is not None}
+    recording = simulate_worn(moving, worn, asked, faults, seed)
     if name is not None:
         recording = replace(recording, name=name)
     write_recording(recording, output)

@@ -1,0 +1,133 @@
+"""Which options of `poseloom simulate` belong to which kind of sensor, and the simulator of each kind."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import radians
+from types import MappingProxyType
+from typing import Any
+
+from poseloom.errors import SensorError
+from poseloom.sensors import Recording, SensorKind, SensorLayout
+from poseloom.skeleton.motion import Motion
+from poseloom.synthesis import (
+    NO_IMU_NOISE,
+    NO_NOISE,
+    Fault,
+    ImuNoise,
+    TrackerNoise,
+    simulate_imus,
+    simulate_trackers,
+)
+from poseloom.synthesis.imus import GRAVITY
+
+IDEAL = "ideal"
+"""The option that takes away all errors but those that other options ask for."""
+
+_DEGREE = radians(1.0)
+_DELIVERY: Mapping[str, tuple[str, float]] = {
+    "drop_outs": ("drop_out_probability", 1.0),
+    "bursts": ("burst_rate_hz", 1.0),
+    "latency_ms": ("latency_s", 1e-3),
+    "jitter_ms": ("jitter_s", 1e-3),
+}
+_PLACEMENT: Mapping[str, tuple[str, float]] = {
+    "placement_error_mm": ("placement_m", 1e-3),
+    "placement_error_deg": ("placement_rad", _DEGREE),
+}
+_TRACKER: Mapping[str, tuple[str, float]] = {
+    "noise_mm": ("position_m", 1e-3),
+    "noise_deg": ("orientation_rad", _DEGREE),
+    "bias_mm": ("bias_m", 1e-3),
+    "bias_deg": ("bias_rad", _DEGREE),
+    "drift_mm": ("drift_m", 1e-3),
+    "drift_deg": ("drift_rad", _DEGREE),
+    "outliers": ("outlier_probability", 1.0),
+}
+_IMU: Mapping[str, tuple[str, float]] = {
+    "noise_m_s2": ("force_m_s2", 1.0),
+    "noise_deg_s": ("rate_rad_s", _DEGREE),
+    "bias_m_s2": ("force_bias_m_s2", 1.0),
+    "bias_deg_s": ("rate_bias_rad_s", _DEGREE),
+    "bandwidth_hz": ("bandwidth_hz", 1.0),
+    "range_g": ("force_range_m_s2", GRAVITY),
+    "range_deg_s": ("rate_range_rad_s", _DEGREE),
+    "clock_ppm": ("clock_error", 1e-6),
+    "clock_offset_ms": ("clock_offset_s", 1e-3),
+}
+
+Given = Mapping[str, float]
+"""What the user asked for, by the name of the option's parameter."""
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """One kind of sensor for the command.
+
+    Attributes:
+        words: What to call such sensors.
+        options: The options that it knows, by parameter: where each goes, and its unit in SI units.
+        simulate: Makes a recording from motion, layout, options, faults and seed.
+    """
+
+    words: str
+    options: Mapping[str, tuple[str, float]]
+    simulate: Callable[[Motion, SensorLayout, Given, Sequence[Fault], int], Recording]
+
+
+def _in_si(given: Given, options: Mapping[str, tuple[str, float]]) -> dict[str, Any]:
+    return {options[name][0]: value * options[name][1] for name, value in given.items() if name in options}
+
+
+def _trackers(motion: Motion, layout: SensorLayout, given: Given, faults: Sequence[Fault], seed: int) -> Recording:
+    noise = NO_NOISE if given.get(IDEAL) else TrackerNoise()
+    noise = replace(noise, **_in_si(given, _KINDS[SensorKind.TRACKER].options))
+    return simulate_trackers(motion, layout, noise, faults, seed)
+
+
+def _imus(motion: Motion, layout: SensorLayout, given: Given, faults: Sequence[Fault], seed: int) -> Recording:
+    noise = NO_IMU_NOISE if given.get(IDEAL) else ImuNoise()
+    return simulate_imus(motion, layout, replace(noise, **_in_si(given, _KINDS[SensorKind.IMU].options)), faults, seed)
+
+
+_KINDS: Mapping[SensorKind, _Kind] = MappingProxyType(
+    {
+        SensorKind.TRACKER: _Kind("trackers", {**_TRACKER, **_DELIVERY, **_PLACEMENT}, _trackers),
+        SensorKind.IMU: _Kind("IMUs", {**_IMU, **_DELIVERY, **_PLACEMENT}, _imus),
+    }
+)
+
+
+def simulate_worn(motion: Motion, layout: SensorLayout, given: Given, faults: Sequence[Fault], seed: int) -> Recording:
+    """Lets a body wear a layout, with the simulator of its kind of sensors.
+
+    Args:
+        motion: What the body does.
+        layout: The sensors.
+        given: Options that the user gave, in the options' own units.
+        faults: What goes wrong in addition.
+        seed: Of all that is drawn.
+
+    Raises:
+        SensorError: for a kind of sensor or a mixture that cannot be simulated, an option that this kind does not know,
+            or a parameter that makes no sense.
+    """
+    kinds = {sensor.kind for sensor in layout.sensors}
+    if len(kinds) > 1 or not kinds <= set(_KINDS):
+        raise SensorError(
+            f"layout {layout.name!r} cannot be simulated",
+            cause=f"its sensors are of the kinds {', '.join(sorted(kinds))}",
+            remedy=f"Choose a layout of one of these: {', '.join(kind.words for kind in _KINDS.values())}",
+        )
+    kind = _KINDS[kinds.pop()]
+    strange = [name for name in given if name not in kind.options and name != IDEAL]
+    if strange:
+        raise SensorError(
+            f"{', '.join(_flag(name) for name in strange)} does not belong to {kind.words}",
+            cause=f"the sensors of layout {layout.name!r} are {kind.words}",
+            remedy=f"Choose from {', '.join(_flag(name) for name in kind.options)}",
+        )
+    return kind.simulate(motion, layout, given, faults, seed)
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
