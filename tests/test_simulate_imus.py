@@ -298,7 +298,7 @@ def test_a_seed_repeats_and_sensors_have_their_own_streams(motion: Motion):
     np.testing.assert_array_equal(alone.specific_forces[:, 0], first.specific_forces[:, 1])
     assert np.abs(simulate_imus(motion, FOOT_HAND, seed=6).specific_forces - first.specific_forces).max() > 0.01
     assert first.settings["made by"] == "simulate_imus"
-    assert first.settings["noise bandwidth_hz"] == "12.0"
+    assert first.settings["noise bandwidth_hz"] == "10.0"
 
 
 def test_nonsense_is_refused(motion: Motion):

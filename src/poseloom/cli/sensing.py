@@ -52,7 +52,7 @@ def simulate(
     bias_m_s2: Annotated[float | None, _option(_IMUS, "Constant error of the specific force. Default: 0.1.")] = None,
     bias_deg_s: Annotated[float | None, _option(_IMUS, "Constant error of the angular rate. Default: 0.5.")] = None,
     bandwidth_hz: Annotated[
-        float | None, _option(_IMUS, "Where the sensor's filter passes one half. Default: 12.")
+        float | None, _option(_IMUS, "Where the sensor's filter passes one half. Default: 10.")
     ] = None,
     range_g: Annotated[float | None, _option(_IMUS, "End of the accelerometer's range. Default: 16.")] = None,
     range_deg_s: Annotated[float | None, _option(_IMUS, "End of the gyroscope's range. Default: 2000.")] = None,
