@@ -1,12 +1,15 @@
 """Phases of locomotion, told from contacts and crossings."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from poseloom.cli._app import run
 from poseloom.errors import MethodError
 from poseloom.formats import read_motion
+from poseloom.formats.npz import write_npz
 from poseloom.methods.imus.behaviours import Behaviour
 from poseloom.methods.imus.phases import (
     GAIT_CYCLE,
@@ -32,14 +35,14 @@ def walk() -> Motion:
 
 
 def steps_of(phases: np.ndarray) -> list[Phase]:
-    return [Phase(int(phases[0])), *(Phase(int(b)) for a, b in zip(phases, phases[1:], strict=False) if a != b)]
+    return [Phase(int(phases[0])), *(Phase(int(b)) for a, b in pairwise(phases) if a != b)]
 
 
 def test_a_walk_goes_through_the_cycle_in_order() -> None:
     order = steps_of(label_phases(walk(), Behaviour.WALKING).phases)
     gait = [phase for phase in order if phase in GAIT_CYCLE]
     assert len(gait) > 30
-    ahead = [(b - a) % 8 for a, b in zip(gait, gait[1:], strict=False)]
+    ahead = [(b - a) % 8 for a, b in pairwise(gait)]
     # A phase may be skipped where it is shorter than a flicker; none is entered backwards.
     assert sum(step == 1 for step in ahead) > 0.8 * len(ahead)
     assert all(step <= 2 for step in ahead)
@@ -124,13 +127,25 @@ def test_too_short_a_motion_is_refused() -> None:
         label_phases(walk().cut(0, 2), Behaviour.WALKING)
 
 
+def test_the_page_shows_every_phase_and_needs_no_network(tmp_path: Path) -> None:
+    clip, page = tmp_path / "walk.npz", tmp_path / "phases.html"
+    write_npz(walk(), clip)
+    assert run(["phases", str(clip), "-o", str(page)]) == 0
+    text = page.read_text()
+    for phase in GAIT_CYCLE:
+        assert phase.title in text
+    assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+    assert run(["phases", str(clip), "-o", str(page), "--behaviour", "swimming"]) == 2
+    assert run(["phases", str(clip), "-o", str(tmp_path / "phases.png")]) == 2
+
+
 @pytest.mark.recordings
 @pytest.mark.parametrize("file", WALKS)
 def test_real_walks_go_through_the_cycle(recordings: Path, file: str) -> None:
     motion = resample(retarget(read_motion(recordings / file), BODY), 60.0)
     order = steps_of(label_phases(motion, Behaviour.WALKING).phases)
     gait = [phase for phase in order if phase in GAIT_CYCLE]
-    ahead = [(b - a) % 8 for a, b in zip(gait, gait[1:], strict=False)]
+    ahead = [(b - a) % 8 for a, b in pairwise(gait)]
     assert len(ahead) > 10
     assert all(step in (1, 2) for step in ahead)
     assert sum(step == 1 for step in ahead) > 0.8 * len(ahead)

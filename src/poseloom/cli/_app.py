@@ -16,6 +16,7 @@ from poseloom.errors import PoseloomError
 TOPICS = (
     "demonstrating",
     "motion_files",
+    "phases",
     "libraries",
     "sensing",
     "calibrating",

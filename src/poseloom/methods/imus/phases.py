@@ -80,8 +80,8 @@ class PhaseSettings:
         longest: Seconds above which a segment is cut: standing can go on for minutes.
         still_speed: Speed of the hips, m/s, below which a person who stands on both feet may be at rest.
         still_seconds: How long that must last.
-        heel_rise: Metres above its height in loading response from which on a heel has risen: sooner than its contact is
-            over for certain, for terminal stance is short.
+        heel_rise: Metres above its height in loading response from which on a heel has risen: sooner than its contact
+            is over for certain, for terminal stance is short.
         leap_speed: Speed of the hips, m/s, from which on a push-off has begun and up to which a landing lasts.
     """
 
