@@ -19,11 +19,11 @@ from poseloom.sensors import (
     make_layout,
     make_placement,
 )
+from poseloom.sensors.paths import SmoothPath
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.synthesis import NO_IMU_NOISE, Fault, FaultKind, ImuNoise, simulate_imus, true_placements
 from poseloom.synthesis.imus import GRAVITY, imu_signals
-from poseloom.synthesis.paths import SmoothPath
 
 FOOT_HAND = imu_layout("right-foot", "right-hand")
 

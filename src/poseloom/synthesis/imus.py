@@ -11,6 +11,7 @@ from numpy.random import Generator
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.rotations import matrix_from_quat, quat_conjugate, quat_from_matrix, quat_multiply
 from poseloom.sensors.layout import SensorKind, SensorLayout
+from poseloom.sensors.paths import SmoothPath
 from poseloom.sensors.placement import Placement, default_placements, place_sensors
 from poseloom.sensors.recording import Recording, make_recording
 from poseloom.sensors.sample import SensorStatus
@@ -19,7 +20,6 @@ from poseloom.skeleton.motion import Motion
 from poseloom.skeleton.resample import frame_instants, resample
 from poseloom.synthesis.faults import Fault, FaultKind, Readings, apply_faults, check_fault
 from poseloom.synthesis.noise import Delivery, Streams, check_noise, draw_arrivals, draw_gaps, outliers, two_vectors
-from poseloom.synthesis.paths import SmoothPath
 from poseloom.synthesis.wearing import check_wearer, misplaced, told_settings
 
 GRAVITY = 9.80665
