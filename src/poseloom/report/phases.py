@@ -86,7 +86,7 @@ def timeline_svg(motion: Motion, track: PhaseTrack) -> str:
             f'<rect x="{x:.1f}" y="8" width="{max(w - 1, 1):.1f}" height="30" rx="2" fill="{colour}">'
             f"<title>{title}</title></rect>"
         )
-    parts.append(_label("phase", 28))
+    parts.append(_label("phase", 28.0))
     top = 52.0
     stands = track.contacts
     feet = (
