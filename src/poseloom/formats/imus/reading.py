@@ -1,0 +1,97 @@
+"""Recordings of real inertial sensors of any known kind: which reader serves which file or folder."""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from poseloom.errors import FormatError
+from poseloom.formats.imus.csv_tables import is_imu_csv, read_imu_csv
+from poseloom.formats.imus.mat_struct import read_imu_mat
+from poseloom.formats.imus.mvnx import read_mvnx
+from poseloom.formats.imus.opensim_sto import read_sto
+from poseloom.formats.imus.tracks import ImuTrack
+from poseloom.formats.imus.xio import is_xio_folder, read_xio
+from poseloom.formats.imus.xsens_text import is_xsens_text, read_xsens_text
+
+_HEAD = 8192
+_KNOWN = "Xsens text (.txt), .mvnx, x-IMU3 folders, gaitmap's and single sensors' CSV, OpenSim .sto, qmt's .mat"
+
+
+def read_imu_tracks(paths: Path | Iterable[Path], rate: float | None = None) -> Mapping[str, ImuTrack]:
+    """Reads real recordings: every sensor in some files and folders, by name.
+
+    A folder stands for the x-IMU3 sensors in it, or else its Xsens texts, or else its CSV tables.
+
+    Args:
+        paths: Files or folders.
+        rate: Samples a second, for files that do not say it.
+
+    Returns:
+        Tracks by the sensors' names as the files have them, in the files' order.
+
+    Raises:
+        FormatError: with file and line, for damaged or unknown files, and for two sensors of one name.
+    """
+    tracks: dict[str, ImuTrack] = {}
+    for path in [paths] if isinstance(paths, Path) else paths:
+        for track in _read(path, rate):
+            if track.name in tracks:
+                raise FormatError(
+                    f"there are two sensors {track.name!r}",
+                    cause=f"the other one is in {tracks[track.name].file}",
+                    remedy="Name only one of the files",
+                    file=track.file,
+                )
+            tracks[track.name] = track
+    return MappingProxyType(tracks)
+
+
+def _read(path: Path, rate: float | None) -> Iterable[ImuTrack]:
+    if path.is_dir():
+        return _read_folder(path, rate)
+    suffix = path.suffix.lower()
+    if suffix in _BY_SUFFIX:
+        return _BY_SUFFIX[suffix](path)
+    head = _head(path)
+    if is_xsens_text(head):
+        return (read_xsens_text(path, rate),)
+    if is_imu_csv(head):
+        return read_imu_csv(path, rate)
+    raise FormatError(
+        "this file holds no inertial recording that poseloom reads", remedy=f"Give one of: {_KNOWN}", file=path
+    )
+
+
+_BY_SUFFIX: Mapping[str, Callable[[Path], tuple[ImuTrack, ...]]] = {
+    ".mvnx": read_mvnx,
+    ".sto": read_sto,
+    ".mat": read_imu_mat,
+}
+
+
+def _read_folder(folder: Path, rate: float | None) -> Iterable[ImuTrack]:
+    if is_xio_folder(folder):
+        return (read_xio(folder),)
+    inside = sorted(folder.iterdir())
+    sensors = [path for path in inside if path.is_dir() and is_xio_folder(path)]
+    if sensors:
+        return [read_xio(path) for path in sensors]
+    files = [path for path in inside if path.is_file()]
+    texts = [path for path in files if path.suffix.lower() == ".txt" and is_xsens_text(_head(path))]
+    if texts:
+        return [read_xsens_text(path, rate) for path in texts]
+    tables = [path for path in files if path.suffix.lower() == ".csv" and is_imu_csv(_head(path))]
+    if not tables:
+        raise FormatError(
+            "this folder holds no inertial recording that poseloom reads", remedy=f"Give one of: {_KNOWN}", file=folder
+        )
+    return [track for path in tables for track in read_imu_csv(path, rate)]
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(_HEAD)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise FormatError("the file cannot be read", cause=reason, remedy="Check the path", file=path) from None
