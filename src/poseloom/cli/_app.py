@@ -22,6 +22,7 @@ TOPICS = (
     "calibrating",
     "reconstruction",
     "evaluating",
+    "viewing",
     "benchmarking",
 )
 """Modules beside this one, each with `register(app)`, in the order of `poseloom --help`."""

@@ -176,6 +176,7 @@ def capsule(
     end: Floats[Array, "3"],
     radii: tuple[float, float, float, float],
     side: Floats[Array, "3"],
+    fineness: int = 1,
 ) -> tuple[Floats[Array, "vertices 3"], Ints[Array, "triangles 3"]]:
     """A rounded tapered tube; its cross-section is an ellipse whose wide axis lies as near to `side` as it can.
 
@@ -184,6 +185,7 @@ def capsule(
         end: Centre of the other end.
         radii: Half width and half depth at the start, then at the end.
         side: Direction along which the half width is measured.
+        fineness: How many times as many vertices around, and from the ends to the tube, as a small figure needs.
 
     Returns:
         Vertices, and triangles of three vertices each, counter-clockwise from outside.
@@ -195,22 +197,22 @@ def capsule(
     wide = turn.T @ side
     heading = float(np.arctan2(-wide[2], wide[0])) if np.hypot(wide[0], wide[2]) > 1e-9 else 0.0
     # Rings from the lower pole to the upper one: height, and how far out, as parts of the radii.
-    angles = np.linspace(0.0, np.pi / 2, _CAP + 1)
+    angles = np.linspace(0.0, np.pi / 2, fineness * _CAP + 1)
     low, high = radii[:2], radii[2:]
     rings = [(-np.cos(a) * min(low), np.sin(a) * low[0], np.sin(a) * low[1]) for a in angles]
     rings += [(length + np.sin(a) * min(high), np.cos(a) * high[0], np.cos(a) * high[1]) for a in angles]
-    around = np.arange(_AROUND) * (2 * np.pi / _AROUND)
+    around = np.arange(fineness * _AROUND) * (2 * np.pi / (fineness * _AROUND))
     points = np.array([[(b * np.cos(t), h, c * np.sin(t)) for t in around] for h, b, c in rings]).reshape(-1, 3)
     cosine, sine = np.cos(heading), np.sin(heading)
     spin = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
-    return points @ (turn @ spin).T + start, _ring_triangles(len(rings))
+    return points @ (turn @ spin).T + start, _ring_triangles(len(rings), len(around))
 
 
-def _ring_triangles(rings: int) -> Ints[Array, "triangles 3"]:
-    ring, step = np.meshgrid(np.arange(rings - 1), np.arange(_AROUND), indexing="ij")
-    a, b = ring * _AROUND + step, ring * _AROUND + (step + 1) % _AROUND
-    lower = np.stack([a, a + _AROUND, b], axis=-1)
-    upper = np.stack([b, a + _AROUND, b + _AROUND], axis=-1)
+def _ring_triangles(rings: int, around: int) -> Ints[Array, "triangles 3"]:
+    ring, step = np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij")
+    a, b = ring * around + step, ring * around + (step + 1) % around
+    lower = np.stack([a, a + around, b], axis=-1)
+    upper = np.stack([b, a + around, b + around], axis=-1)
     return np.concatenate([lower, upper], axis=1).reshape(-1, 3).astype(np.int64)
 
 

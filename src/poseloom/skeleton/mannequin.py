@@ -58,7 +58,7 @@ def mannequin_mesh(skeleton: Skeleton) -> Mesh:
     parts: list[tuple[int, Floats[Array, "vertices 3"], Ints[Array, "triangles 3"]]] = []
     for limb in limbs(skeleton):
         wide, deep, end_wide, end_deep = (float(radius) for radius in limb.radii)
-        vertices, triangles = capsule(limb.start, limb.end, (wide, deep, end_wide, end_deep), limb.side)
+        vertices, triangles = capsule(limb.start, limb.end, (wide, deep, end_wide, end_deep), limb.side, fineness=2)
         parts.append((limb.bone, vertices + rest[limb.bone], triangles))
     return joined(parts)
 

@@ -1,0 +1,141 @@
+"""Ground, light and the camera's place, for a desk's screen and for a phone's."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+
+from poseloom.arrays import Array, Floats
+
+WORLD = "/w"
+"""The scene node on which everything stands that the person's world has in it."""
+
+_FIELD_OF_VIEW = math.radians(32.0)
+_HEIGHT, _MIDDLE = 2.5, 0.92
+"""Metres that must be seen from the floor up, and the height of the figure's middle."""
+_LIMB_SPAN = 1.7
+"""Metres that one figure's limbs take to the sides, most of the time."""
+_PHONE_WIDTH = 576
+"""Pixels below which the panel lies across the bottom of the page, in place of beside the scene."""
+_PHONE_SHARE = 0.52
+"""Share of a phone's height, from the top, that the panel leaves to the figures."""
+_DIRECTION = np.array([0.42, 0.16, 1.0]) / np.linalg.norm([0.42, 0.16, 1.0])
+"""From the figure to the camera: from the front, a little from its left and from above."""
+_FOLLOW_SLACK = 0.25
+"""Metres that the figure may stray from the middle before the ground begins to move under it."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Where a camera stands.
+
+    Attributes:
+        position: Metres.
+        look_at: The point about which it can be turned.
+    """
+
+    position: Floats[Array, "3"]
+    look_at: Floats[Array, "3"]
+
+
+def framing(width: int, height: int, figures: int = 1, spacing: float = 0.0) -> View:
+    """A view that shows all figures whole, for a picture of this size in pixels.
+
+    On a phone the figures stand in the upper part of the picture, for the panel covers the lower.
+
+    Args:
+        width: Pixels.
+        height: Pixels.
+        figures: How many stand side by side.
+        spacing: Metres from one to the next.
+    """
+    phone = width < _PHONE_WIDTH
+    share = _PHONE_SHARE if phone else 1.0
+    half = math.tan(_FIELD_OF_VIEW / 2)
+    breadth = _LIMB_SPAN + (figures - 1) * spacing
+    distance = max(_HEIGHT / share, breadth * height / max(width, 1)) / (2 * half)
+    # The camera looks at the picture's middle, which on a phone lies below the figures' own middle.
+    shift = 2 * half * distance * (0.5 - share / 2)
+    look_at = np.array([0.0, _MIDDLE - shift, 0.0])
+    return View(look_at + distance * _DIRECTION, look_at)
+
+
+class Stage:
+    """The floor and the light, and a camera that goes along with whoever walks.
+
+    Args:
+        server: Where to build it.
+    """
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._figures, self._spacing = 1, 0.0
+        scene = server.scene
+        scene.set_up_direction("+y")
+        self._sun = _light(scene)
+        self.world = scene.add_frame(WORLD, show_axes=False)
+        _lay_floor(scene)
+        camera = server.initial_camera
+        view = framing(1280, 800)
+        camera.position, camera.look_at = view.position, view.look_at
+        camera.up, camera.fov = (0.0, 1.0, 0.0), _FIELD_OF_VIEW
+        self._focus = np.zeros(3)
+        server.on_client_connect(self.frame_client)
+
+    def arrange(self, figures: int, spacing: float) -> None:
+        """Says how many figures stand side by side, and frames them for everybody who is looking."""
+        self._figures, self._spacing = figures, spacing
+        for client in self._server.get_clients().values():
+            self.frame_client(client)
+
+    def frame_client(self, client: viser.ClientHandle) -> None:
+        """Puts one visitor's camera where it shows all figures."""
+        camera = client.camera
+        view = framing(camera.image_width, camera.image_height, self._figures, self._spacing)
+        with client.atomic():
+            camera.fov = _FIELD_OF_VIEW
+            camera.up_direction = np.array([0.0, 1.0, 0.0])
+            camera.position = view.position
+            camera.look_at = view.look_at
+
+    def shadows(self, on: bool) -> None:
+        """Draws shadows or leaves them out."""
+        self._sun.cast_shadow = on
+
+    def follow(self, root: Floats[Array, "3"]) -> None:
+        """Moves the world under the camera so that who walks stays in the picture; the person can still turn it."""
+        drift = (root - self._focus) * (1.0, 0.0, 1.0)
+        far = float(np.linalg.norm(drift))
+        if far > _FOLLOW_SLACK:
+            self._focus = self._focus + drift * (1.0 - _FOLLOW_SLACK / far)
+            self.world.position = -self._focus
+
+    def centre(self, point: Floats[Array, "3"]) -> None:
+        """Puts a point of the floor into the middle at once."""
+        self._focus = point * (1.0, 0.0, 1.0)
+        self.world.position = -self._focus
+
+
+def _light(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
+    """A sun that shines from before the figures, and a sky; viser's own would leave their fronts in the dark."""
+    scene.configure_default_lights(enabled=False)
+    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(205, 205, 215), intensity=0.7)
+    return scene.add_light_directional("/sun", intensity=1.6, cast_shadow=True, position=(-1.2, 3.0, 2.0))
+
+
+def _lay_floor(scene: viser.SceneApi) -> None:
+    scene.add_grid(
+        f"{WORLD}/floor",
+        width=40.0,
+        height=40.0,
+        plane="xz",
+        cell_size=0.5,
+        section_size=1.0,
+        cell_color=(222, 226, 232),
+        section_color=(196, 202, 211),
+        plane_color=(246, 247, 249),
+        plane_opacity=1.0,
+        shadow_opacity=0.22,
+        fade_distance=30.0,
+    )
