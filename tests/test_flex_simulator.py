@@ -2,13 +2,16 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from poseloom.cli._app import run
 from poseloom.errors import SensorError
+from poseloom.formats.recording import read_recording
 from poseloom.samples import sample_motions
-from poseloom.sensors import layout
+from poseloom.sensors import SensorKind, layout
 from poseloom.skeleton import average_body, make_motion, motion_frames
 from poseloom.synthesis import (
     Fault,
@@ -18,9 +21,13 @@ from poseloom.synthesis import (
     bend_angles,
     draw_channels,
     flex_counts,
+    merge_recordings,
     simulate_flex,
+    simulate_imus,
     simulate_trackers,
+    true_placements,
 )
+from poseloom.synthesis.mixed import layout_of_kind
 
 FOUR = layout("flex-four")
 NOTHING = Spread(0.0)
@@ -186,3 +193,34 @@ def test_what_makes_no_sense_is_refused() -> None:
         simulate_flex(motion, FOUR, minutes_of_use=-1.0)
     with pytest.raises(SensorError, match="no flex sensor"):
         simulate_trackers(motion, layout("six-trackers"), faults=[Fault("head", 0.0, 1.0, FaultKind.REPLACED)])
+
+
+def test_a_mixed_layout_is_its_parts_side_by_side() -> None:
+    motion = sample_motions()["walk"]
+    mixed = layout("flex-four+hips-imu")
+    flex = simulate_flex(motion, layout_of_kind(mixed, SensorKind.FLEX), seed=1)
+    imu = simulate_imus(motion, layout_of_kind(mixed, SensorKind.IMU), seed=1)
+    both = merge_recordings(mixed, [imu, flex])
+    np.testing.assert_array_equal(both.counts[:, :4], flex.counts)
+    np.testing.assert_array_equal(both.specific_forces[:, 4], imu.specific_forces[:, 0])
+    assert np.isnan(both.counts[:, 4]).all()
+    assert np.isnan(both.angular_rates[:, :4]).all()
+    assert [placement.bone for placement in true_placements(both)] == [sensor.bone for sensor in mixed.sensors]
+    with pytest.raises(SensorError, match="hips"):
+        merge_recordings(mixed, [flex])
+    with pytest.raises(SensorError, match="leftKnee"):
+        merge_recordings(mixed, [flex, flex, imu])
+    with pytest.raises(SensorError, match="other times"):
+        merge_recordings(mixed, [flex.cut(0, 5), imu])
+
+
+@pytest.mark.parametrize("worn", ["flex-four", "flex-four+hips-imu"])
+def test_the_command_simulates_flex_sensors_alone_and_beside_an_imu(worn: str, tmp_path: Path) -> None:
+    path = tmp_path / "walk.mcap"
+    words = ["simulate", "sample:walk", "-o", str(path), "--layout", worn, "--minutes-of-use", "30", "--rate", "100"]
+    assert run([*words, "--fault", "saturated:leftKnee:1:2"]) == 0
+    recording = read_recording(path)
+    assert recording.layout.names == layout(worn).names
+    assert recording.layout.rate == 100
+    assert (recording.counts[110:190, 0] == 4095).all()
+    assert any("30.0" in value for key, value in recording.settings.items() if key.endswith("minutes of use"))

@@ -21,7 +21,7 @@ def register(app: typer.Typer) -> None:
     app.command("simulate")(simulate)
 
 
-_TRACKERS, _IMUS, _ALL = "Trackers", "IMUs", "All sensors"
+_TRACKERS, _IMUS, _FLEX, _ALL = "Trackers", "IMUs", "Flex sensors", "All sensors"
 
 
 def _option(panel: str, text: str) -> Any:
@@ -32,7 +32,8 @@ def simulate(
     clip: Annotated[str, typer.Argument(help="A motion file, or sample:NAME for a built-in sample motion.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The recording to write, an .mcap file.")],
     layout: Annotated[
-        str, typer.Option(help="Which sensors are worn: six-trackers, right-foot-imu, left-shank+head-imu ...")
+        str,
+        typer.Option(help="Which sensors are worn: six-trackers, right-foot-imu, left-shank+head-imu, flex-four ..."),
     ] = "six-trackers",
     rate: Annotated[float | None, typer.Option(help="Samples a second, where not the layout's own.")] = None,
     ideal: Annotated[bool, typer.Option("--ideal", help="No errors but those that other options ask for.")] = False,
@@ -60,6 +61,9 @@ def simulate(
         float | None, _option(_IMUS, "Error of each sensor's clock, a millionth. Default: 20.")
     ] = None,
     clock_offset_ms: Annotated[float | None, _option(_IMUS, "Constant lead or lag of each sensor. Default: 0.")] = None,
+    minutes_of_use: Annotated[
+        float | None, _option(_FLEX, "Minutes for which the sensors were worn before; they age. Default: 0.")
+    ] = None,
     drop_outs: Annotated[
         float | None, _option(_ALL, "Share of single samples that are missing, 0 to 1. Default: 0.")
     ] = None,
@@ -77,7 +81,7 @@ def simulate(
         typer.Option(
             metavar="KIND:SENSOR:START:STOP",
             help="A fault from START to STOP seconds: silent, stuck, outliers, noise or drift;"
-            " or swap, with A+B as SENSOR. May be repeated.",
+            " or swap, with A+B as SENSOR; of flex sensors also saturated or replaced. May be repeated.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
@@ -109,6 +113,7 @@ def simulate(
         "range_deg_s": range_deg_s,
         "clock_ppm": clock_ppm,
         "clock_offset_ms": clock_offset_ms,
+        "minutes_of_use": minutes_of_use,
         "drop_outs": drop_outs,
         "bursts": bursts,
         "latency_ms": latency_ms,

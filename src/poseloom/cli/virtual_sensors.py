@@ -10,15 +10,20 @@ from poseloom.errors import SensorError
 from poseloom.sensors import Recording, SensorKind, SensorLayout
 from poseloom.skeleton.motion import Motion
 from poseloom.synthesis import (
+    IDEAL_FLEX,
     NO_IMU_NOISE,
     NO_NOISE,
     Fault,
+    FlexSensors,
     ImuNoise,
     TrackerNoise,
+    merge_recordings,
+    simulate_flex,
     simulate_imus,
     simulate_trackers,
 )
 from poseloom.synthesis.imus import GRAVITY
+from poseloom.synthesis.mixed import layout_of_kind
 
 IDEAL = "ideal"
 """The option that takes away all errors but those that other options ask for."""
@@ -54,6 +59,7 @@ _IMU: Mapping[str, tuple[str, float]] = {
     "clock_ppm": ("clock_error", 1e-6),
     "clock_offset_ms": ("clock_offset_s", 1e-3),
 }
+_FLEX: Mapping[str, tuple[str, float]] = {"minutes_of_use": ("minutes_of_use", 1.0)}
 
 Given = Mapping[str, float]
 """What the user asked for, by the name of the option's parameter."""
@@ -89,16 +95,22 @@ def _imus(motion: Motion, layout: SensorLayout, given: Given, faults: Sequence[F
     return simulate_imus(motion, layout, replace(noise, **_in_si(given, _KINDS[SensorKind.IMU].options)), faults, seed)
 
 
+def _flex(motion: Motion, layout: SensorLayout, given: Given, faults: Sequence[Fault], seed: int) -> Recording:
+    sensors = IDEAL_FLEX if given.get(IDEAL) else FlexSensors()
+    return simulate_flex(motion, layout, sensors, faults=faults, seed=seed, **_in_si(given, _FLEX))
+
+
 _KINDS: Mapping[SensorKind, _Kind] = MappingProxyType(
     {
         SensorKind.TRACKER: _Kind("trackers", {**_TRACKER, **_DELIVERY, **_PLACEMENT}, _trackers),
         SensorKind.IMU: _Kind("IMUs", {**_IMU, **_DELIVERY, **_PLACEMENT}, _imus),
+        SensorKind.FLEX: _Kind("flex sensors", _FLEX, _flex),
     }
 )
 
 
 def simulate_worn(motion: Motion, layout: SensorLayout, given: Given, faults: Sequence[Fault], seed: int) -> Recording:
-    """Lets a body wear a layout, with the simulator of its kind of sensors.
+    """Lets a body wear a layout, with the simulators of its kinds of sensors.
 
     Args:
         motion: What the body does.
@@ -108,25 +120,29 @@ def simulate_worn(motion: Motion, layout: SensorLayout, given: Given, faults: Se
         seed: Of all that is drawn.
 
     Raises:
-        SensorError: for a kind of sensor or a mixture that cannot be simulated, an option that this kind does not know,
-            or a parameter that makes no sense.
+        SensorError: for an option that these kinds of sensors do not know, or a parameter that makes no sense.
     """
-    kinds = {sensor.kind for sensor in layout.sensors}
-    if len(kinds) > 1 or not kinds <= set(_KINDS):
-        raise SensorError(
-            f"layout {layout.name!r} cannot be simulated",
-            cause=f"its sensors are of the kinds {', '.join(sorted(kinds))}",
-            remedy=f"Choose a layout of one of these: {', '.join(kind.words for kind in _KINDS.values())}",
-        )
-    kind = _KINDS[kinds.pop()]
-    strange = [name for name in given if name not in kind.options and name != IDEAL]
+    kinds = [kind for kind in _KINDS if layout.of_kind(kind)]
+    known = {name for kind in kinds for name in _KINDS[kind].options}
+    strange = [name for name in given if name not in known and name != IDEAL]
     if strange:
+        words = " and ".join(_KINDS[kind].words for kind in kinds)
         raise SensorError(
-            f"{', '.join(_flag(name) for name in strange)} does not belong to {kind.words}",
-            cause=f"the sensors of layout {layout.name!r} are {kind.words}",
-            remedy=f"Choose from {', '.join(_flag(name) for name in kind.options)}",
+            f"{', '.join(_flag(name) for name in strange)} does not belong to {words}",
+            cause=f"the sensors of layout {layout.name!r} are {words}",
+            remedy=f"Choose from {', '.join(_flag(name) for kind in kinds for name in _KINDS[kind].options)}",
         )
-    return kind.simulate(motion, layout, given, faults, seed)
+    if len(kinds) == 1:
+        return _KINDS[kinds[0]].simulate(motion, layout, given, faults, seed)
+    for fault in faults:
+        layout.index(fault.sensor)
+    parts: list[Recording] = []
+    for kind in kinds:
+        part = layout_of_kind(layout, kind)
+        options = {name: value for name, value in given.items() if name in _KINDS[kind].options or name == IDEAL}
+        own = [fault for fault in faults if fault.sensor in part.names]
+        parts.append(_KINDS[kind].simulate(motion, part, options, own, seed))
+    return merge_recordings(layout, parts)
 
 
 def _flag(name: str) -> str:

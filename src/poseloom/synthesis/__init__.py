@@ -3,13 +3,15 @@
 from poseloom.synthesis.faults import Fault, FaultKind
 from poseloom.synthesis.flex import bend_angles, simulate_flex
 from poseloom.synthesis.flex_readings import flex_counts
-from poseloom.synthesis.flex_sensors import FlexBoard, FlexChannels, FlexSensors, Spread, draw_channels
+from poseloom.synthesis.flex_sensors import IDEAL_FLEX, FlexBoard, FlexChannels, FlexSensors, Spread, draw_channels
 from poseloom.synthesis.imus import NO_IMU_NOISE, ImuNoise, simulate_imus
+from poseloom.synthesis.mixed import merge_recordings
 from poseloom.synthesis.noise import NO_NOISE, TrackerNoise
 from poseloom.synthesis.trackers import simulate_trackers
 from poseloom.synthesis.wearing import true_placements
 
 __all__ = [
+    "IDEAL_FLEX",
     "NO_IMU_NOISE",
     "NO_NOISE",
     "Fault",
@@ -23,6 +25,7 @@ __all__ = [
     "bend_angles",
     "draw_channels",
     "flex_counts",
+    "merge_recordings",
     "simulate_flex",
     "simulate_imus",
     "simulate_trackers",

@@ -21,6 +21,7 @@ from poseloom.synthesis.flex_faults import apply_flex_faults
 from poseloom.synthesis.flex_readings import flex_counts
 from poseloom.synthesis.flex_sensors import FlexSensors, check_sensors, draw_channels
 from poseloom.synthesis.noise import Streams
+from poseloom.synthesis.wearing import check_wearer
 
 
 def bend_angles(motion: Motion, layout: SensorLayout) -> Floats[Array, "frames channels"]:
@@ -89,14 +90,10 @@ def simulate_flex(
         Counts, NaN where nothing came. The status stays OK where something came: a sensor does not know its faults.
 
     Raises:
-        SensorError: if the layout has other sensors than flex sensors, or a parameter makes no sense.
+        SensorError: if the layout has other sensors than flex sensors, the motion's joints translate, or a parameter
+            makes no sense.
     """
-    others = [sensor.name for sensor in layout.sensors if sensor.kind is not SensorKind.FLEX]
-    if others:
-        raise SensorError(
-            f"layout {layout.name!r} has sensors that are no flex sensors: {', '.join(others)}",
-            remedy="Choose a layout of flex sensors, such as flex-four",
-        )
+    check_wearer(motion, layout, SensorKind.FLEX)
     check_sensors(sensors)
     for fault in faults:
         check_fault(fault, layout)

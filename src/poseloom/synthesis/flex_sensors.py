@@ -126,6 +126,17 @@ class FlexChannels:
         return self.figures[:, _FIGURES.index(name)]
 
 
+IDEAL_FLEX = FlexSensors(
+    hysteresis=Spread(0.0),
+    lag_share=Spread(0.0),
+    slip=Spread(0.0),
+    noise=Spread(0.0),
+    opens=Spread(0.0),
+    spikes=Spread(0.0),
+    lost_lines=0.0,
+)
+"""Sensors whose counts depend on the bend alone, as long as they do not age."""
+
 _FIGURES = tuple(FlexSensors().spreads)
 """Names of the drawn figures; `flex_kernels` reads the columns in this order."""
 
