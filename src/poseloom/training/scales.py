@@ -1,0 +1,118 @@
+"""Our network for four bends: a bank of filters over many time scales, a small GRU, and a smoothed output.
+
+Five samples, a tenth of a second, do not tell a walk from a climb. The bank keeps what the last eight seconds were
+like: differences of exponential means from 0.04 to 8 s, how lively each channel was, and how the channels went together
+(means of products of their movements, which hold the phase between knees and elbows). The bank is fixed, so training
+computes it once; live it is a memory of some dozen numbers a channel.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.signal import lfilter
+from torch import Tensor, nn
+
+from poseloom.arrays import Array, Floats, Floats32
+
+CHANNELS = 4
+_PAIRS = [(i, j) for i in range(CHANNELS) for j in range(i, CHANNELS)]
+_MIXED = [(i, j) for i in range(CHANNELS) for j in range(CHANNELS) if i != j]
+_LEAST_LIVELINESS = 1e-6
+
+
+@dataclass(frozen=True)
+class BankSettings:
+    """Time scales of the filter bank, in samples at 50 Hz.
+
+    Attributes:
+        means: Of the exponential means of the values.
+        swift: Which of them movement is measured against.
+        slow: Which of them posture is measured against.
+        liveliness: Of the means of squared movement.
+        together: Of the means of products between channels.
+    """
+
+    means: tuple[float, ...] = (2.0, 5.0, 12.0, 30.0, 100.0, 400.0)
+    swift: int = 1
+    slow: int = 4
+    liveliness: tuple[float, ...] = (25.0, 100.0)
+    together: float = 50.0
+
+    @property
+    def features(self) -> int:
+        """Numbers that come out a sample."""
+        return CHANNELS * (3 + len(self.means) + len(self.liveliness)) + len(_PAIRS) + len(_MIXED)
+
+
+def keep(scale: float) -> float:
+    """Share of an exponential mean that stays from one sample to the next."""
+    return math.exp(-1.0 / scale)
+
+
+def bank_series(inputs: Floats32[Array, "frames inputs"], settings: BankSettings) -> Floats32[Array, "frames features"]:
+    """What the bank makes of a series, from an empty memory."""
+    values = inputs[:, :CHANNELS].astype(np.float64)
+    means = [_mean(values, scale) for scale in settings.means]
+    moved, posture = values - means[settings.swift], values - means[settings.slow]
+    lively = [np.sqrt(_mean(moved**2, scale) + _LEAST_LIVELINESS) for scale in settings.liveliness]
+    pairs = np.stack([posture[:, i] * posture[:, j] for i, j in _PAIRS], axis=1)
+    mixed = np.stack([moved[:, i] * posture[:, j] for i, j in _MIXED], axis=1)
+    parts = [
+        *(values, inputs[:, CHANNELS:], values - means[0]),
+        *(swift - slow for swift, slow in zip(means[:-1], means[1:], strict=True)),
+        *(means[-1], *lively, _mean(pairs, settings.together), _mean(mixed, settings.together)),
+    ]
+    return np.concatenate(parts, axis=1).astype(np.float32)
+
+
+def _mean(series: Floats[Array, "frames columns"], scale: float) -> Floats[Array, "frames columns"]:
+    stays = keep(scale)
+    return np.asarray(lfilter([1 - stays], [1, -stays], series, axis=0, zi=stays * series[:1])[0])
+
+
+class Scales(nn.Module):
+    """Features of the bank in, angles out: a GRU, a linear layer, and an exponential mean of the output.
+
+    Args:
+        bank: The filter bank.
+        hidden: Units of the GRU.
+        angles: Numbers to tell.
+        drop: Share of the GRU's outputs dropped in training.
+    """
+
+    def __init__(self, bank: BankSettings, hidden: int, angles: int, drop: float = 0.4) -> None:
+        super().__init__()
+        self.bank = bank
+        self.register_buffer("centre", torch.zeros(bank.features))
+        self.register_buffer("scale", torch.ones(bank.features))
+        self.memory = nn.GRU(bank.features, hidden, batch_first=True)
+        self.drop = nn.Dropout(drop)
+        self.told = nn.Linear(hidden, angles)
+        self.doubt = nn.Linear(hidden, angles)
+        self.smoothing = 2.0
+        nn.init.zeros_(self.told.weight)
+        nn.init.zeros_(self.doubt.weight)
+        nn.init.constant_(self.doubt.bias, math.log(0.15))
+
+    def begin_at(self, features: Floats32[Array, "frames features"], angles: Floats32[Array, "frames angles"]) -> None:
+        """Sets what features are measured in, and the mean pose, from which learning begins."""
+        with torch.no_grad():
+            self.get_buffer("centre").copy_(torch.from_numpy(features.mean(axis=0)))
+            self.get_buffer("scale").copy_(torch.from_numpy(features.std(axis=0) + np.float32(1e-3)))
+            self.told.bias.copy_(torch.from_numpy(angles.mean(axis=0)))
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Angles before smoothing, and the logarithm of their mean absolute error; both `(batch, frames, angles)`."""
+        heard = (features - self.get_buffer("centre")) / self.get_buffer("scale")
+        remembered = self.drop(self.memory(heard)[0])
+        return self.told(remembered), self.doubt(remembered.detach())
+
+    def smooth(self, outputs: Tensor) -> Tensor:
+        """The exponential mean over time of `(frames, angles)`, beginning with the first."""
+        stays = keep(self.smoothing)
+        smoothed = [outputs[0]]
+        for output in outputs[1:]:
+            smoothed.append(stays * smoothed[-1] + (1 - stays) * output)
+        return torch.stack(smoothed)
