@@ -1,12 +1,14 @@
 """Recordings as `.mcap` files: an append-only log of a header, samples and the truth where it is known.
 
 Topics: `/header` (JSON: layout, placements, skeleton, settings), `/samples` and `/truth` (binary records; their schemas
-name the parts). Times of messages are device times in nanoseconds; the exact doubles stand in the samples. Chunks are
-compressed with zstd and carry check sums. A file without an end, from a writer that was killed or a disk that was full,
-is read to its last whole chunk.
+name the parts); recordings of live sessions have more (see `session_recording`), which `read_recording` passes over.
+Times of messages are device times in nanoseconds; the exact doubles stand in the samples. Chunks are compressed with
+zstd and carry check sums. A file without an end, from a writer that was killed or a disk that was full, is read to its
+last whole chunk.
 """
 
 import struct
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -68,7 +70,10 @@ def read_recording(path: str | Path) -> Recording:
         SensorError: if what it says does not fit together, or it holds no sample.
     """
     file = Path(path)
-    take = _read_take(file)
+    return _recording_of(_read_take(file), file)
+
+
+def _recording_of(take: "_Take", file: Path) -> Recording:
     header = take.header
     if header is None:
         raise FormatError(
@@ -97,9 +102,17 @@ class _Take:
     header: RecordingHeader | None = None
     samples: bytearray = field(default_factory=bytearray)
     truth: bytearray = field(default_factory=bytearray)
+    others: dict[str, list[bytes]] = field(default_factory=dict[str, list[bytes]])
 
 
-def _read_take(file: Path) -> _Take:
+def read_topics(path: str | Path, topics: Collection[str]) -> tuple[Recording, dict[str, list[bytes]]]:
+    """A recording, and the messages of other topics beside its samples, in order; raises as `read_recording`."""
+    file = Path(path)
+    take = _read_take(file, topics)
+    return _recording_of(take, file), {topic: take.others.get(topic, []) for topic in topics}
+
+
+def _read_take(file: Path, others: Collection[str] = ()) -> _Take:
     try:
         stream = file.open("rb")
     except FileNotFoundError:
@@ -119,7 +132,8 @@ def _read_take(file: Path) -> _Take:
         stream.seek(0)
         try:
             # No record is longer than the file: a damaged length must not ask for gigabytes.
-            _read_records(StreamReader(stream, validate_crcs=True, record_size_limit=size), take, file)
+            reader = StreamReader(stream, validate_crcs=True, record_size_limit=size)
+            _read_records(reader, take, file, others)
         except _DAMAGE as error:
             if take.whole:
                 raise FormatError(
@@ -131,7 +145,7 @@ def _read_take(file: Path) -> _Take:
     return take
 
 
-def _read_records(reader: StreamReader, take: _Take, file: Path) -> None:
+def _read_records(reader: StreamReader, take: _Take, file: Path, others: Collection[str]) -> None:
     topics: dict[int, str] = {}
     for record in reader.records:
         if isinstance(record, Header):
@@ -152,6 +166,8 @@ def _read_records(reader: StreamReader, take: _Take, file: Path) -> None:
                 take.truth += record.data
             elif topic == HEADER_TOPIC:
                 take.header = header_from_json(record.data, file)
+            elif topic is not None and topic in others:
+                take.others.setdefault(topic, []).append(record.data)
 
 
 def _recording(take: _Take, header: RecordingHeader) -> Recording:

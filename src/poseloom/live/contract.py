@@ -127,7 +127,9 @@ class Counters:
         malformed: Of these, those that were not understood and dropped.
         stale: Of these, those that came twice, late or out of order and were dropped.
         samples: Samples that were put together.
-        filled: Of these, those without any reading, made so that the figure goes on while all is silent.
+        superseded: Samples beyond the session's rate, left out in favour of newer ones.
+        lost: Packets that the system dropped before they were read, because too many came at once.
+        filled: Of the samples, those without any reading, made so that the figure goes on while all is silent.
         dropped: Samples that the method did not hear because newer ones were waiting (they are recorded nevertheless).
         frames: Poses that were made.
         unseen: Updates that a slow sink did not get, all sinks together.
@@ -138,6 +140,8 @@ class Counters:
     malformed: int = 0
     stale: int = 0
     samples: int = 0
+    superseded: int = 0
+    lost: int = 0
     filled: int = 0
     dropped: int = 0
     frames: int = 0

@@ -1,0 +1,1 @@
+"""Where poses go: to other programs, to files, to people."""

@@ -1,0 +1,40 @@
+"""Sources without any device: a recording played again, and virtual sensors on a motion."""
+
+import asyncio
+import time
+
+from poseloom.live.readings import Packet, readings_of_sample
+from poseloom.live.source import Listener
+from poseloom.sensors import Recording
+
+
+class ReplaySource:
+    """A recording, sample by sample.
+
+    Args:
+        recording: The samples.
+        title: What it is, in words.
+        speed: How many times faster than it was recorded.
+        loop: Whether to begin again at its end.
+    """
+
+    def __init__(self, recording: Recording, title: str = "", speed: float = 1.0, loop: bool = False) -> None:
+        self.recording = recording
+        self.layout = recording.layout
+        self.speed, self.loop = speed, loop
+        self.name = title or f"replay of {recording.name}"
+
+    async def run(self, listener: Listener) -> None:
+        """See `Source`. Ends with the recording, unless it is looped."""
+        times = self.recording.times - self.recording.times[0]
+        cycle = float(times[-1]) + 1.0 / self.layout.rate
+        begin, turn = time.monotonic(), 0
+        while True:
+            for index in range(len(self.recording)):
+                moment = turn * cycle + float(times[index])
+                await asyncio.sleep(max(0.0, begin + moment / self.speed - time.monotonic()))
+                readings = readings_of_sample(self.recording.sample(index), self.layout)
+                listener.packet(Packet(readings, moment / self.speed, whole=True), time.monotonic(), self.name)
+            if not self.loop:
+                return
+            turn += 1

@@ -1,0 +1,166 @@
+"""The source that listens to a serial line, or reads the same lines from a file of a memory card."""
+
+import asyncio
+import time
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import serial  # pyright: ignore[reportMissingTypeStubs]
+
+from poseloom.errors import SensorError
+from poseloom.live.lines import LineBuffer, parse_counts
+from poseloom.live.readings import MalformedPacket, Packet
+from poseloom.live.source import Listener
+from poseloom.sensors import SensorKind, SensorLayout, make_layout
+
+_WAIT = 0.05
+"""Seconds for which a read waits at most, so that it can be ended."""
+_AGAIN = 0.5
+"""Seconds between attempts to open a line that has gone away."""
+_AT_ONCE = 4096
+
+
+def flex_part(layout: SensorLayout) -> SensorLayout:
+    """The flex sensors of a layout alone.
+
+    Raises:
+        SensorError: if it has none.
+    """
+    sensors = [sensor for sensor in layout.sensors if sensor.kind is SensorKind.FLEX]
+    if not sensors:
+        raise SensorError(
+            f"the layout {layout.name!r} has no flex sensors", remedy="Choose a layout such as flex-four for this line"
+        )
+    if len(sensors) == len(layout):
+        return layout
+    return make_layout(f"{layout.name}, flex sensors", sensors, layout.rate)
+
+
+class SerialSource:
+    """Lines of converter counts from a serial line. A line that goes away is opened again when it is back.
+
+    Args:
+        layout: The flex sensors, in the order of the numbers.
+        device: The line's device, such as `/dev/ttyACM0` or `COM3`.
+        baud: Bits a second.
+    """
+
+    def __init__(self, layout: SensorLayout, device: str, baud: int = 115200) -> None:
+        self.layout = flex_part(layout)
+        self.device, self.baud = device, baud
+
+    @property
+    def name(self) -> str:
+        """See `Source`."""
+        return f"serial line {self.device} at {self.baud} baud"
+
+    async def run(self, listener: Listener) -> None:
+        """See `Source`."""
+        loop = asyncio.get_running_loop()
+        ended = Event()
+        port = self._open()
+        if port is None:
+            raise SensorError(
+                f"the serial line {self.device} cannot be opened",
+                remedy="Check that the device is plugged in, its name, and that you may read it",
+            )
+
+        def deliver(data: bytes, arrival: float, buffer: LineBuffer) -> None:
+            hear_lines(buffer, data, arrival, self.layout, self.device, listener)
+
+        def read(port: Any) -> None:
+            buffer = LineBuffer(midway=True)
+            while not ended.is_set():
+                try:
+                    data = bytes(port.read(1))
+                    data += bytes(port.read(min(int(port.in_waiting), _AT_ONCE))) if data else b""
+                except (OSError, TypeError):  # pyserial: TypeError where another thread closed the line
+                    loop.call_soon_threadsafe(listener.note, f"{self.name} has gone away; waiting for it", True)
+                    reopened = self._wait_for_line(ended)
+                    if reopened is None:
+                        return
+                    port, buffer = reopened, LineBuffer(midway=True)
+                    loop.call_soon_threadsafe(listener.note, f"{self.name} is back")
+                    continue
+                if data:
+                    loop.call_soon_threadsafe(deliver, data, time.monotonic(), buffer)
+            port.close()
+
+        reading = asyncio.create_task(asyncio.to_thread(read, port))
+        try:
+            await asyncio.shield(reading)
+        finally:
+            ended.set()
+            await reading
+
+    def _wait_for_line(self, ended: Event) -> Any:
+        while not ended.wait(_AGAIN):
+            port = self._open()
+            if port is not None:
+                return port
+        return None
+
+    def _open(self) -> Any:
+        try:
+            return serial.Serial(self.device, self.baud, timeout=_WAIT)
+        except (OSError, ValueError):
+            return None
+
+
+class LineFileSource:
+    """The same lines from a file, at the pace of their times or of the layout's rate.
+
+    Args:
+        layout: The flex sensors, in the order of the numbers.
+        path: The file.
+        speed: How many times faster than it was written.
+    """
+
+    def __init__(self, layout: SensorLayout, path: Path, speed: float = 1.0) -> None:
+        self.layout = flex_part(layout)
+        self.path, self.speed = path, speed
+
+    @property
+    def name(self) -> str:
+        """See `Source`."""
+        return f"lines of {self.path}"
+
+    async def run(self, listener: Listener) -> None:
+        """See `Source`. Ends with the file."""
+        packets = [packet for line in self._lines() if (packet := _parsed(line, self.layout, listener)) is not None]
+        begin = time.monotonic()
+        for number, packet in enumerate(packets):
+            first = packets[0].time
+            at = number / self.layout.rate if packet.time is None or first is None else packet.time - first
+            await asyncio.sleep(max(0.0, begin + at / self.speed - time.monotonic()))
+            listener.packet(packet, time.monotonic(), str(self.path))
+
+    def _lines(self) -> list[bytes]:
+        try:
+            return self.path.read_bytes().split(b"\n")
+        except OSError as error:
+            raise SensorError(
+                "the lines cannot be read", cause=error.strerror or "", remedy="Check the path", file=self.path
+            ) from None
+
+
+def hear_lines(
+    buffer: LineBuffer, data: bytes, arrival: float, layout: SensorLayout, stream: str, listener: Listener
+) -> None:
+    """Takes in bytes of a line."""
+    before = buffer.overlong
+    for line in buffer.feed(data):
+        packet = _parsed(line, layout, listener)
+        if packet is not None:
+            listener.packet(packet, arrival, stream)
+    for _ in range(buffer.overlong - before):
+        listener.malformed("a line without end")
+
+
+def _parsed(line: bytes, layout: SensorLayout, listener: Listener) -> Packet | None:
+    try:
+        return parse_counts(line, layout.names)
+    except MalformedPacket as error:
+        listener.malformed(str(error))
+        return None
