@@ -12,6 +12,7 @@ from poseloom.library import MotionLibrary
 from poseloom.methods.contract import Reconstructor
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
 from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
+from poseloom.methods.trackers.local_filter import LocalFilter
 from poseloom.methods.trackers.neighbours import NeighbourMethod
 from poseloom.sensors import SensorLayout
 
@@ -33,6 +34,7 @@ class MethodEntry:
 
 METHODS: Mapping[str, MethodEntry] = MappingProxyType(
     {
+        "local-filter": MethodEntry("the nearest moments as a Kalman filter, given the sensors", LocalFilter),
         "local-gaussian": MethodEntry("the nearest moments' mean and covariance, given the sensors", LocalGaussian),
         "local-regression": MethodEntry("the six-sensor paper's local model, mended", LocalRegression),
         "local-pcr": MethodEntry("local principal component regression (Liu et al. 2011)", LocalPcr),

@@ -210,27 +210,23 @@ def propose(
 
 
 @compiled
-def posterior_spread(
-    spreading: Floats[Array, "rows dofs"],
-    gram: Floats[Array, "rows rows"],
-    covariance: Floats[Array, "dofs dofs"],
-    noise: Floats[Array, "rows"],
-    spread: Floats[Array, "dofs"],
-) -> None:
-    """Standard deviations of C - C J' (J C J' + W^-1)^-1 J C, at the last linearisation; overwrites its inputs."""
-    size, rows = covariance.shape[0], noise.shape[0]
+def whiten(
+    spreading: Floats[Array, "rows dofs"], gram: Floats[Array, "rows rows"], noise: Floats[Array, "rows"]
+) -> Floats[Array, "rows dofs"]:
+    """L^-1 J C with L L' = J C J' + W^-1, whose square is what the readings take off C; overwrites its inputs.
+
+    Nil where the readings' matrix is not positive definite: then nothing is said to be known better than before.
+    """
+    rows, size = spreading.shape
     for i in range(rows):
         gram[i, i] += noise[i]
-    ok = factor_in_place(gram, rows)
-    for d in range(size):
-        spread[d] = covariance[d, d]
-    if ok:
-        for i in range(rows):
-            for k in range(i):
-                for d in range(size):
-                    spreading[i, d] -= gram[i, k] * spreading[k, d]
+    if not factor_in_place(gram, rows):
+        spreading[:] = 0.0
+        return spreading
+    for i in range(rows):
+        for k in range(i):
             for d in range(size):
-                spreading[i, d] /= gram[i, i]
-                spread[d] -= spreading[i, d] * spreading[i, d]
-    for d in range(size):
-        spread[d] = math.sqrt(max(spread[d], 0.0))
+                spreading[i, d] -= gram[i, k] * spreading[k, d]
+        for d in range(size):
+            spreading[i, d] /= gram[i, i]
+    return spreading

@@ -35,7 +35,7 @@ class Solution(NamedTuple):
 
     Attributes:
         q: Pose vector.
-        spread: Posterior standard deviation of each entry.
+        covariance: Posterior covariance, at the last linearisation.
         residuals: Measured minus predicted in the world frame, per sensor: metres, and radians as a rotation vector.
         weights: How far each reading was believed, 0 to 1; 0 where it is missing.
         cost: The minimised energy.
@@ -44,12 +44,17 @@ class Solution(NamedTuple):
     """
 
     q: Floats[Array, "dofs"]
-    spread: Floats[Array, "dofs"]
+    covariance: Floats[Array, "dofs dofs"]
     residuals: Floats[Array, "sensors 2 3"]
     weights: Floats[Array, "sensors 2"]
     cost: float
     iterations: int
     converged: bool
+
+    @property
+    def spread(self) -> Floats[Array, "dofs"]:
+        """Posterior standard deviation of each entry."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
 def solve_pose(
@@ -96,8 +101,7 @@ def solve_pose(
         saved, moved = here.cost - found.cost, float(np.abs(found.q - here.q).max())
         here, damping = found, 0.0 if damping <= 0.1 else 0.1 * damping
         converged = moved < how.tolerance or (used > 1 and saved < 1e-10 * (1.0 + abs(here.cost)))
-    spread = work.spread(here)
-    return Solution(here.q, spread, here.residuals, here.weights, here.cost, used, converged)
+    return Solution(here.q, work.posterior(here), here.residuals, here.weights, here.cost, used, converged)
 
 
 class _Point(NamedTuple):
@@ -179,8 +183,7 @@ class _Work(NamedTuple):
         change_dual = multipliers @ step.jacobian - here.dual
         return self.at(here.q + scale * change, here.dual + scale * change_dual)
 
-    def spread(self, here: _Point) -> Floats[Array, "dofs"]:
+    def posterior(self, here: _Point) -> Floats[Array, "dofs dofs"]:
         step = self.linearised(here, False)
-        out = np.empty(len(here.q))
-        _kernels.posterior_spread(step.spreading, step.gram, self.prior.covariance, step.noise, out)
-        return out
+        reduction = _kernels.whiten(step.spreading, step.gram, step.noise)
+        return self.prior.covariance - reduction.T @ reduction

@@ -39,6 +39,19 @@ class LocalModel(abc.ABC):
         """Mean and covariance of the pose; the covariance without the floor that the loop adds."""
 
 
+def scatter(
+    outputs: Floats[Array, "neighbours dofs"], weights: Floats[Array, "neighbours"], shrinkage: float
+) -> tuple[Floats[Array, "dofs"], Floats[Array, "dofs dofs"]]:
+    """Weighted mean and covariance, with a share of each correlation given up."""
+    mean = weights @ outputs
+    centred = np.sqrt(weights)[:, None] * (outputs - mean)
+    covariance = centred.T @ centred
+    variance = np.diag(covariance).copy()
+    covariance *= 1.0 - shrinkage
+    np.fill_diagonal(covariance, variance)
+    return mean, covariance
+
+
 @dataclass(frozen=True)
 class GaussianModel(LocalModel):
     """The neighbours' mean and covariance: regression is left to the solver, which conditions it on the sensors.
@@ -56,13 +69,7 @@ class GaussianModel(LocalModel):
 
     def predict(self, near: Neighbourhood) -> tuple[Floats[Array, "dofs"], Floats[Array, "dofs dofs"]]:
         """See `LocalModel.predict`."""
-        mean = near.weights @ near.outputs
-        centred = np.sqrt(near.weights)[:, None] * (near.outputs - mean)
-        covariance = centred.T @ centred
-        variance = np.diag(covariance).copy()
-        covariance *= 1.0 - self.shrinkage
-        np.fill_diagonal(covariance, variance)
-        return mean, covariance
+        return scatter(near.outputs, near.weights, self.shrinkage)
 
 
 @dataclass(frozen=True)

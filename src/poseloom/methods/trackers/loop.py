@@ -12,7 +12,15 @@ from poseloom.library.features import feature_points, reference_sensor
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
 from poseloom.methods.trackers import _kernels
 from poseloom.methods.trackers.gate import Trust, gate, take_all
-from poseloom.methods.trackers.observation import BoneView, heard, observe, predicted_view, turned, view_of
+from poseloom.methods.trackers.observation import (
+    BoneView,
+    heard,
+    observe,
+    predicted_view,
+    root_turned,
+    turned,
+    view_of,
+)
 from poseloom.methods.trackers.state import TrackerSettings, Wearer
 from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout
 from poseloom.skeleton.body import BODY_BONES, average_body
@@ -33,7 +41,7 @@ class TrackerState:
         wearer: What does not.
         trust: How far each tracker is believed; None before the first has spoken.
         history: The last solved poses in the world, newest first; fewer than asked for at the start.
-        spread: Standard deviations of the newest pose.
+        covariance: Of the newest pose's entries, the root's place and turn in the world's axes.
         silent: Samples in a row in which no sensor spoke.
         astray: Samples in a row in which the sensors did not fit.
     """
@@ -41,7 +49,7 @@ class TrackerState:
     wearer: Wearer
     trust: Trust | None
     history: Floats[Array, "moments dofs"]
-    spread: Floats[Array, "dofs"]
+    covariance: Floats[Array, "dofs dofs"]
     silent: int = 0
     astray: int = 0
 
@@ -120,7 +128,7 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             feature_points(skeleton, bones),
             leg_length(skeleton) / leg_length(body),
         )
-        return TrackerState(wearer, None, np.empty((0, body.size)), np.zeros(body.size))
+        return TrackerState(wearer, None, np.empty((0, body.size)), np.zeros((body.size, body.size)))
 
     def step(self, state: TrackerState, sample: Sample) -> tuple[TrackerState, Frame | None]:
         """See `Reconstructor.step`. No frame comes until a sensor has spoken."""
@@ -132,23 +140,25 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             gated = take_all(spoken)
             solution = self._solve(state.wearer, spoken, self.first_prior(state.wearer, spoken))
             q = self._on_branch(state, solution.q)
-            history = q[None]
+            history, covariance = q[None], solution.covariance
         else:
             gated = gate(state.trust, spoken, state.wearer, state.history[0], self.settings.gate)
-            solution, q = self._continue(state, gated.readings)
+            solution, q, covariance = self._continue(state, gated.readings)
             history = np.concatenate([q[None], state.history[: self.moments - 1]])
         following = TrackerState(
             state.wearer,
             gated.trust,
             history,
-            solution.spread,
+            covariance,
             0 if speaks else state.silent + 1,
             state.astray + 1 if self._is_astray(solution, gated.taken) else 0,
         )
         health = self._health(following, solution, gated.taken)
         return following, Frame(sample.time, Pose(state.wearer.skeleton, q), solution.spread, health)
 
-    def _continue(self, state: TrackerState, readings: SensorReadings) -> tuple[Solution, Floats[Array, "dofs"]]:
+    def _continue(
+        self, state: TrackerState, readings: SensorReadings
+    ) -> tuple[Solution, Floats[Array, "dofs"], Floats[Array, "dofs dofs"]]:
         newest = state.history[0]
         view = _View(float(newest[0]), float(newest[2]), _kernels.root_heading(newest))
         previous = np.empty_like(newest)
@@ -160,7 +170,7 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         _kernels.into_heading(solution.q, 0.0, 0.0, -view.heading, q)
         q[0] += view.x
         q[2] += view.z
-        return solution, self._on_branch(state, q)
+        return solution, self._on_branch(state, q), root_turned(solution.covariance, -view.heading)
 
     def _solve(self, wearer: Wearer, readings: SensorReadings, prior: GaussianPrior) -> Solution:
         return solve_pose(wearer.skeleton, wearer.mount, readings, prior, settings=self.settings.solver)

@@ -113,16 +113,27 @@ class NeighbourMethod(TrackerMethod):
 
     def next_prior(self, state: TrackerState, previous: Floats[Array, "dofs"], view: BoneView) -> GaussianPrior:
         """See `TrackerMethod.next_prior`."""
-        wearer = state.wearer
+        return self._prior(self._near(state, previous, view, self.neighbours.persistence)[0])
+
+    def _near(
+        self, state: TrackerState, previous: Floats[Array, "dofs"], view: BoneView, persistence: float
+    ) -> tuple[Neighbourhood, Ints[Array, "neighbours"]]:
+        """The moments nearest to the present one, and which they are."""
         query = self._query(state, view)
         found, _ = self._index.search(query, self.neighbours.neighbours, self._exclusion)
         self._check(found)
-        outputs = np.empty((len(found), len(previous)))
-        _kernels.gather_outputs(
-            self._poses, self._index.rows[found], previous, wearer.scale, self.neighbours.persistence, outputs
-        )
+        outputs = self._outputs(found, previous, state.wearer, persistence)
         inputs = self._index.columns[found, : len(query)].astype(np.float64)
-        return self._prior(Neighbourhood(query, inputs, outputs, self._weights(inputs, query), previous))
+        return Neighbourhood(query, inputs, outputs, self._weights(inputs, query), previous), found
+
+    def _outputs(
+        self, found: Ints[Array, "neighbours"], previous: Floats[Array, "dofs"], wearer: Wearer, persistence: float
+    ) -> Floats[Array, "neighbours dofs"]:
+        """What moments say of the next pose (see `gather_outputs`)."""
+        outputs = np.empty((len(found), len(previous)))
+        rows = self._index.rows[found]
+        _kernels.gather_outputs(self._poses, rows, previous, wearer.scale, persistence, outputs)
+        return outputs
 
     def _query(self, state: TrackerState, view: BoneView) -> Floats[Array, "columns"]:
         """Projected features of the present moment; at the start the oldest pose stands for those before it."""
@@ -154,9 +165,13 @@ class NeighbourMethod(TrackerMethod):
         mean, covariance = self.model.predict(near)
         low, high = near.outputs.min(axis=0), near.outputs.max(axis=0)
         slack = self.neighbours.margin * (high - low)
-        floor = np.full(len(mean), self.neighbours.angle_floor)
-        floor[:3] = self.neighbours.place_floor
-        return GaussianPrior(np.clip(mean, low - slack, high + slack), covariance + np.diag(floor**2))
+        return GaussianPrior(np.clip(mean, low - slack, high + slack), covariance + np.diag(self._floor(len(mean))))
+
+    def _floor(self, size: int) -> Floats[Array, "dofs"]:
+        """Least variance of what a model says of each entry."""
+        floor = np.full(size, self.neighbours.angle_floor**2)
+        floor[:3] = self.neighbours.place_floor**2
+        return floor
 
     def _sensor_columns(self, wearer: Wearer, view: BoneView) -> Floats[Array, "columns"]:
         """Projected sensor features of a view."""

@@ -17,11 +17,25 @@ def observe(sample: Sample, sigmas: Floats[Array, "sensors 2"]) -> SensorReading
 
 def turned(readings: SensorReadings, x: float, z: float, heading: float) -> SensorReadings:
     """Readings seen from a ground point and heading."""
-    c, s = np.cos(heading), np.sin(heading)
-    back = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    back = _seen_along(heading)
     return SensorReadings(
         (readings.positions - np.array([x, 0.0, z])) @ back.T, back @ readings.rotations, readings.sigmas
     )
+
+
+def root_turned(covariance: Floats[Array, "dofs dofs"], heading: float) -> Floats[Array, "dofs dofs"]:
+    """A pose's covariance with the root's place and rotation vector seen along a heading.
+
+    Exact for the place; for the rotation vector to first order about an upright root: enough for a short memory.
+    """
+    turn = np.eye(len(covariance))
+    turn[:3, :3] = turn[3:6, 3:6] = _seen_along(heading)
+    return turn @ covariance @ turn.T
+
+
+def _seen_along(heading: float) -> Floats[Array, "3 3"]:
+    c, s = np.cos(heading), np.sin(heading)
+    return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
 
 def heard(readings: SensorReadings) -> Bools[Array, "sensors 2"]:
