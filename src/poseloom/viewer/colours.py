@@ -12,6 +12,7 @@ METHODS: tuple[Colour, ...] = ((0, 114, 178), (213, 94, 0), (107, 91, 149))
 GUIDE: Colour = (0, 158, 115)
 UNSURE: Colour = (230, 159, 0)
 LOST: Colour = (204, 61, 61)
+_PALE: Colour = (232, 232, 226)
 SILENT: Colour = (150, 150, 155)
 STANDING: Colour = (0, 158, 115)
 WELL: Colour = (245, 246, 248)
@@ -27,6 +28,15 @@ def mixed(colour: Colour, other: Colour, share: float) -> Colour:
     """A colour on the way from one to another."""
     r, g, b = (round(a + (o - a) * share) for a, o in zip(colour, other, strict=True))
     return r, g, b
+
+
+def doubtful(colour: Colour, level: int) -> Colour:
+    """A figure's colour at a step of doubt: it pales, and then turns yellow.
+
+    On the straight way there it would turn into colours that mean something else.
+    """
+    share = 2.0 * level / LEVELS
+    return mixed(colour, _PALE, share) if share <= 1.0 else mixed(_PALE, UNSURE, share - 1.0)
 
 
 def hexadecimal(colour: Colour) -> str:

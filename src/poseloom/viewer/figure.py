@@ -11,7 +11,7 @@ from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.figure_mesh import Mesh, figure_mesh
 from poseloom.skeleton.mannequin import mannequin_mesh
 from poseloom.skeleton.skeleton import Skeleton
-from poseloom.viewer.colours import LEVELS, UNSURE, Colour, doubt_levels, mixed
+from poseloom.viewer.colours import LEVELS, Colour, doubt_levels, doubtful
 
 _Node = viser.MeshHandle | viser.FrameHandle
 
@@ -82,7 +82,7 @@ class Figure:
         node = self._nodes[joint]
         self._levels[joint] = level
         if isinstance(node, viser.MeshHandle):
-            node.color = mixed(self._look.colour, UNSURE, level / LEVELS)
+            node.color = doubtful(self._look.colour, level)
 
 
 def _add_bones(scene: viser.SceneApi, path: str, skeleton: Skeleton, look: FigureLook) -> list[_Node]:

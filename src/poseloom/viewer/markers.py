@@ -18,6 +18,8 @@ from poseloom.viewer.colours import LOST, SILENT, STANDING, WELL, Colour
 _AXIS, _AXIS_RADIUS, _BALL = 0.11, 0.006, 0.022
 _DISC, _DISC_HEIGHT = 0.055, 0.004
 _TRAIL_SECONDS, _TRAIL_STEP, _TRAIL_PIECES = 4.0, 0.2, 20
+_RISE = 0.02
+"""Metres a second by which the level at which feet stand may rise."""
 _TRAIL_HEIGHT, _TRAIL_JUMP = 0.008, 1.5
 
 
@@ -162,6 +164,7 @@ class SoleContacts:
         ]
         self._last: tuple[float, Floats[Array, "4 3"]] | None = None
         self._standing = np.zeros(4, dtype=np.bool_)
+        self._levels = np.full(2, np.inf)
         self.floor = 0.0
 
     def places(self, frames: BoneFrames) -> Floats[Array, "4 3"]:
@@ -181,10 +184,12 @@ class SoleContacts:
         seconds = time - self._last[0]
         speeds = np.linalg.norm(places - self._last[1], axis=1) / seconds
         self._last = (time, places)
-        lowest = float(places[:, 1].min())
-        # The floor is where feet have been lowest of late: it falls at once and rises by two centimetres a second.
-        self.floor = min(lowest, self.floor + 0.02 * seconds)
-        heights = places[:, 1] - self.floor
+        # Heels and toes stand where they have been lowest of late, each at a level of their own, for feet differ from
+        # the average: it falls at once and rises slowly.
+        lowest = places[:, 1].reshape(2, 2).min(axis=0)
+        self._levels = np.minimum(lowest, self._levels + _RISE * seconds)
+        self.floor = float(self._levels.min())
+        heights = places[:, 1] - np.tile(self._levels, 2)
         on = (heights < self._limits.height_on) & (speeds < self._limits.speed_on)
         off = (heights > self._limits.height_off) | (speeds > self._limits.speed_off)
         self._standing = (self._standing | on) & ~off

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
+from poseloom.rotations import heading_angle, quat_from_rotvec
 from poseloom.skeleton.contacts import sole_positions
 from poseloom.skeleton.kinematics import forward_kinematics
 from poseloom.viewer.figure import Figure, FigureLook
@@ -22,7 +23,7 @@ FRAME_RATE = 40.0
 SPACING = 1.25
 """Metres between figures that stand side by side."""
 
-_SPEEDS = ("0.25 ×", "0.5 ×", "1 ×", "2 ×", "4 ×")
+_SPEEDS = ("0.25 ×", "0.5 ×", "1 ×", "2 ×")
 _SLIDER_PERIOD, _TEXT_PERIOD = 0.1, 0.25
 _TRAIL_FRAMES, _TRAIL_SECONDS = 20, 4.0
 
@@ -169,6 +170,8 @@ class _TakeScene:
         self._sensors = None if layout is None else SensorMarks(server.scene, f"{WORLD}/0/s", layout)
         self._beside: bool | None = None
         self._shown = Shown()
+        first = take.tracks[0].motion
+        stage.face(float(heading_angle(quat_from_rotvec(first.q[0, 3:6]))))
 
     def arrange(self, beside: bool) -> None:
         """Puts the figures side by side, or all into one place."""
@@ -177,8 +180,7 @@ class _TakeScene:
         self._beside = beside
         spacing = SPACING if beside else 0.0
         for index, actor in enumerate(self._actors):
-            # The first stands on the viewer's left: towards -X, for the camera looks from +Z.
-            actor.figure.place(np.array([spacing * index, 0.0, 0.0]))
+            actor.figure.place(self._stage.across(spacing * index))
             actor.label.visible = beside and len(self._actors) > 1
         self._stage.arrange(len(self._actors) if beside else 1, spacing)
         self._draw_focus(0.0, jump=True)
@@ -195,7 +197,7 @@ class _TakeScene:
         first = self._take.tracks[0]
         spacing = SPACING if self._beside else 0.0
         root = first.motion.q[first.frame_at(now), :3]
-        middle = root + np.array([0.5 * spacing * (len(self._actors) - 1), 0.0, 0.0])
+        middle = root + self._stage.across(0.5 * spacing * (len(self._actors) - 1))
         (self._stage.centre if jump else self._stage.follow)(middle)
 
     def _draw_sensors(self, now: float) -> None:

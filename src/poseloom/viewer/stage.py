@@ -7,6 +7,7 @@ import numpy as np
 import viser
 
 from poseloom.arrays import Array, Floats
+from poseloom.rotations import heading_matrix, quat_from_matrix
 
 WORLD = "/w"
 """The scene node on which everything stands that the person's world has in it."""
@@ -80,7 +81,7 @@ class Stage:
         view = framing(1280, 800)
         camera.position, camera.look_at = view.position, view.look_at
         camera.up, camera.fov = (0.0, 1.0, 0.0), _FIELD_OF_VIEW
-        self._focus = np.zeros(3)
+        self._focus, self._turn = np.zeros(3), np.eye(3)
         server.on_client_connect(self.frame_client)
 
     def arrange(self, figures: int, spacing: float) -> None:
@@ -108,13 +109,22 @@ class Stage:
         drift = (root - self._focus) * (1.0, 0.0, 1.0)
         far = float(np.linalg.norm(drift))
         if far > _FOLLOW_SLACK:
-            self._focus = self._focus + drift * (1.0 - _FOLLOW_SLACK / far)
-            self.world.position = -self._focus
+            self.centre(self._focus + drift * (1.0 - _FOLLOW_SLACK / far))
 
     def centre(self, point: Floats[Array, "3"]) -> None:
         """Puts a point of the floor into the middle at once."""
         self._focus = point * (1.0, 0.0, 1.0)
-        self.world.position = -self._focus
+        self.world.position = -self._turn @ self._focus
+
+    def face(self, heading: float) -> None:
+        """Turns the world so that who has this heading (radians about the vertical, 0 towards +Z) faces the camera."""
+        self._turn = heading_matrix(np.asarray(-heading))
+        self.world.wxyz = quat_from_matrix(self._turn)
+        self.centre(self._focus)
+
+    def across(self, metres: float) -> Floats[Array, "3"]:
+        """The way in the world that leads so far to the right in the picture."""
+        return np.array([metres, 0.0, 0.0]) @ self._turn
 
 
 def _light(scene: viser.SceneApi) -> viser.DirectionalLightHandle:

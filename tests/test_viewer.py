@@ -1,0 +1,505 @@
+"""The viewer without a browser: who is let in, what is drawn where, and what is shown of files."""
+
+import http.client
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import viser
+import websockets.exceptions
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from websockets.datastructures import Headers
+from websockets.http11 import Request
+from websockets.sync.client import ClientConnection, connect
+
+from poseloom.errors import MethodError, PoseloomError, ViewerError
+from poseloom.formats.recording import write_recording
+from poseloom.rotations import matrix_from_quat
+from poseloom.samples import sample_motions
+from poseloom.sensors import layout, make_recording
+from poseloom.skeleton import make_skeleton
+from poseloom.skeleton.body import average_body
+from poseloom.skeleton.contacts import contacts
+from poseloom.skeleton.kinematics import forward_kinematics, motion_frames
+from poseloom.skeleton.motion import make_motion
+from poseloom.skeleton.resample import resample
+from poseloom.synthesis import simulate_trackers
+from poseloom.viewer import server as server_module
+from poseloom.viewer.access import Access, access_for
+from poseloom.viewer.colours import LEVELS, METHODS, UNSURE, doubtful
+from poseloom.viewer.figure import Figure, FigureLook
+from poseloom.viewer.markers import SoleContacts, Trail
+from poseloom.viewer.player import Player, _Clock
+from poseloom.viewer.plots import POINTS, Rolling, decimated
+from poseloom.viewer.server import OpenServer, open_server
+from poseloom.viewer.stage import WORLD, Stage, framing
+from poseloom.viewer.tracks import Take, Wanted, load_take, position_errors_cm, track_of
+from poseloom.viewer.words import box, findings_text
+
+SUBPROTOCOL = f"viser-v{viser.__version__}"
+
+
+# --- who is let in ---------------------------------------------------------------------------------------------------
+
+
+def request(path: str = "/", **fields: str) -> Request:
+    return Request(path, Headers({name.replace("_", "-"): value for name, value in fields.items()}))
+
+
+@pytest.mark.parametrize(
+    ("asked", "status"),
+    [
+        (request(Host="127.0.0.1:8080"), None),
+        (request(Host="localhost:8080"), None),
+        (request(Host="[::1]:8080"), None),
+        (request(Host="127.0.0.1:8080", Origin="http://127.0.0.1:8080", Upgrade="websocket"), None),
+        # A name of somebody else's that was made to mean this machine.
+        (request(Host="evil.example:8080"), 403),
+        (request(), 403),
+        # Another page in the same browser.
+        (request(Host="127.0.0.1:8080", Origin="https://evil.example", Upgrade="websocket"), 403),
+        (request(Host="127.0.0.1:8080", Origin="http://127.0.0.1:9999", Upgrade="websocket"), 403),
+        (request(Host="127.0.0.1:8080", Origin="null", Upgrade="websocket"), 403),
+    ],
+)
+def test_on_the_loopback_only_the_viewers_own_page_is_answered(asked: Request, status: int | None):
+    answer = access_for("127.0.0.1").answer(asked)
+    assert (answer and answer.status_code) == status
+
+
+@pytest.mark.parametrize(
+    ("asked", "status"),
+    [
+        (request(Host="host:8080"), 401),
+        (request("/?token=wrong", Host="host:8080"), 401),
+        (request("/?token=", Host="host:8080"), 401),
+        (request("/?token=secret", Host="host:8080"), 303),
+        (request(Host="host:8080", Cookie="poseloom-8080=secret"), None),
+        (request(Host="host:8080", Cookie="a=b; poseloom-8080=secret; c=d"), None),
+        (request(Host="host:8080", Cookie="poseloom-8081=secret"), 401),
+        (request(Host="host:8080", Cookie="poseloom-8080=secre"), 401),
+        (request(Host="host:8080", Cookie="poseloom-8080=sécret"), 401),
+        (request(Host="host:8080", Cookie=";;=;,[]"), 401),
+        (request("/any?token=secret", Host="host:8080", Upgrade="websocket"), None),
+        (request(Host="host:8080", Upgrade="websocket"), 401),
+        (request(Host="host:8080", Cookie="poseloom-8080=secret", Origin="http://other:8080"), 403),
+        (request(Host="host:port", Cookie="poseloom-8080=secret"), 401),
+    ],
+)
+def test_elsewhere_the_token_is_needed(asked: Request, status: int | None):
+    answer = Access("secret", local=False).answer(asked)
+    assert (answer and answer.status_code) == status
+
+
+HEADER_TEXT = st.text(st.characters(min_codepoint=0x20, max_codepoint=0xFF, exclude_categories=["Cc"]), max_size=30)
+
+
+@given(HEADER_TEXT, HEADER_TEXT, HEADER_TEXT)
+@settings(max_examples=60, deadline=None)
+def test_no_request_upsets_the_guard_or_guesses_its_way_in(path: str, cookie: str, host: str):
+    answer = Access("not to be guessed", local=False).answer(Request("/" + path, Headers(Host=host, Cookie=cookie)))
+    assert answer is not None
+    assert answer.status_code in (401, 403)
+
+
+def test_every_viewer_has_a_token_of_its_own():
+    tokens = {access_for("0.0.0.0").token for _ in range(5)}
+    assert len(tokens) == 5
+    assert min(map(len, tokens)) >= 20
+    assert access_for("127.0.0.1").token == access_for("::1").token == access_for("localhost").token == ""
+
+
+@pytest.fixture(scope="module")
+def guarded() -> Iterator[OpenServer]:
+    server = open_server("0.0.0.0", 0)
+    yield server
+    server.close()
+
+
+def fetch(server: OpenServer, path: str, **fields: str) -> tuple[int, dict[str, str], bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.viser.get_port(), timeout=5)
+    connection.request("GET", path, headers=fields)
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    return answer.status, dict(answer.getheaders()), body
+
+
+def dial(server: OpenServer, path: str = "/", **fields: str) -> ClientConnection:
+    address = f"ws://127.0.0.1:{server.viser.get_port()}{path}"
+    return connect(address, subprotocols=[SUBPROTOCOL], additional_headers=fields, compression=None)
+
+
+@pytest.mark.parametrize("path", ["/", "/index.html", "/?token=x", "/../../secret", "/assets/x.js"])
+def test_without_the_token_nothing_is_served(guarded: OpenServer, path: str):
+    status, _, body = fetch(guarded, path)
+    assert status == 401
+    assert len(body) < 200
+
+
+def test_without_the_token_no_websocket_opens(guarded: OpenServer):
+    with pytest.raises(websockets.exceptions.InvalidStatus, match="401"):
+        dial(guarded)
+    with pytest.raises(websockets.exceptions.InvalidStatus, match="403"):
+        dial(
+            guarded, Origin="https://evil.example", Cookie=f"poseloom-{guarded.viser.get_port()}={guarded.access.token}"
+        )
+    assert guarded.viser.get_clients() == {}
+
+
+def test_the_printed_address_lets_in_and_leaves_no_token_in_the_history(guarded: OpenServer):
+    status, fields, _ = fetch(guarded, guarded.url.partition("/?")[1] + guarded.url.partition("/?")[2])
+    assert (status, fields["Location"]) == (303, "/")
+    assert "HttpOnly" in fields["Set-Cookie"]
+    cookie = fields["Set-Cookie"].partition(";")[0]
+    status, _, body = fetch(guarded, "/", Cookie=cookie)
+    assert status == 200
+    assert b"<!doctype html>" in body[:100].lower()
+    with dial(guarded, Cookie=cookie) as visitor:
+        assert len(visitor.recv(timeout=5)) > 100
+
+
+def test_nobody_can_open_a_tunnel_to_the_outside(guarded: OpenServer):
+    assert guarded.viser.request_share_url() is None
+
+
+def test_a_taken_port_and_a_foreign_address_are_refused(guarded: OpenServer):
+    with pytest.raises(ViewerError, match=r"port \d+.*Choose another --port"):
+        open_server("127.0.0.1", guarded.viser.get_port())
+    with pytest.raises(ViewerError, match=r"203\.0\.113\.5"):
+        open_server("203.0.113.5")
+    with pytest.raises(ViewerError, match="no-such-host"):
+        open_server("no-such-host.invalid", 0)
+
+
+def test_a_server_that_the_guard_does_not_reach_is_not_left_open(monkeypatch: pytest.MonkeyPatch):
+    from contextlib import nullcontext
+
+    monkeypatch.setattr(server_module, "_guarding", lambda _access: nullcontext([]))
+    with pytest.raises(ViewerError, match="guard"):
+        open_server("127.0.0.1", 0)
+
+
+def test_a_visitor_who_does_not_read_fills_no_memory(guarded: OpenServer):
+    figure = Figure(guarded.viser.scene, "/slow", average_body(), FigureLook(METHODS[0]))
+    buffer = guarded.viser._websock_server._broadcast_buffer
+    cookie = f"poseloom-{guarded.viser.get_port()}={guarded.access.token}"
+    with dial(guarded, Cookie=cookie):
+        rng = np.random.default_rng(0)
+        sizes: list[int] = []
+        for _ in range(60):
+            figure.pose(0.3 * rng.standard_normal(average_body().size))
+            sizes.append(len(buffer.message_from_id))
+    # The newest pose of each bone replaces the one that still waits.
+    assert sizes[-1] <= sizes[1]
+    figure.remove()
+
+
+# --- figures ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scene() -> Iterator[viser.ViserServer]:
+    server = open_server("127.0.0.1", 0)
+    yield server.viser
+    server.close()
+
+
+def world_of(figure: Figure) -> tuple[np.ndarray, np.ndarray]:
+    """Where the scene's nodes put the bones: each hangs on its parent."""
+    parents = figure.skeleton.parents
+    places, turns = np.zeros((len(parents), 3)), np.zeros((len(parents), 3, 3))
+    for joint, (node, parent) in enumerate(zip(figure._nodes, parents, strict=True)):
+        turn, place = matrix_from_quat(np.asarray(node.wxyz)), np.asarray(node.position)
+        places[joint] = place if parent < 0 else places[parent] + turns[parent] @ place
+        turns[joint] = turn if parent < 0 else turns[parent] @ turn
+    return places, turns
+
+
+def test_a_figure_stands_as_forward_kinematics_says(scene: viser.ViserServer):
+    figure = Figure(scene.scene, "/oracle", average_body(), FigureLook(METHODS[0]))
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        q = rng.standard_normal(average_body().size)
+        figure.pose(q)
+        expected = forward_kinematics(average_body(), q)
+        places, turns = world_of(figure)
+        np.testing.assert_allclose(places, expected.positions, atol=1e-6)
+        np.testing.assert_allclose(turns, expected.rotations, atol=1e-6)
+    figure.remove()
+
+
+def test_a_figure_of_any_skeleton_takes_moved_joints(scene: viser.ViserServer):
+    skeleton = make_skeleton(("root", "a/b", "tip"), [-1, 0, 1], [[0, 0, 0], [0, 0.5, 0], [0, 0.4, 0]])
+    rng = np.random.default_rng(2)
+    moved = 0.05 * rng.standard_normal((1, 3, 3))
+    moved[:, 0] = 0
+    motion = make_motion(skeleton, rng.standard_normal((1, skeleton.size)), 30.0, displacements=moved)
+    figure = Figure(scene.scene, "/chain", skeleton, FigureLook(METHODS[1]))
+    figure.pose(motion.q[0], skeleton.offsets + moved[0])
+    np.testing.assert_allclose(world_of(figure)[0], motion_frames(motion).positions[0], atol=1e-6)
+    figure.remove()
+
+
+def test_doubt_colours_the_bones_that_are_doubtful(scene: viser.ViserServer):
+    body = average_body()
+    figure = Figure(scene.scene, "/doubt", body, FigureLook(METHODS[0]))
+    spread = np.full(body.size, np.radians(1.0))
+    hand = body.index("leftHand")
+    spread[3 + 3 * hand : 6 + 3 * hand] = np.radians(40.0)
+    figure.doubt(spread)
+    assert tuple(figure._nodes[hand].color) == UNSURE
+    assert tuple(figure._nodes[body.index("head")].color) == METHODS[0]
+    figure.doubt(None)
+    assert tuple(figure._nodes[hand].color) == METHODS[0]
+    figure.remove()
+
+
+def test_doubt_has_as_many_colours_as_steps():
+    assert doubtful(METHODS[0], 0) == METHODS[0]
+    assert doubtful(METHODS[0], LEVELS) == UNSURE
+    assert len({doubtful(METHODS[0], level) for level in range(LEVELS + 1)}) == LEVELS + 1
+
+
+@given(st.integers(300, 2600), st.integers(300, 1800), st.integers(1, 3))
+@settings(max_examples=80, deadline=None)
+def test_every_screen_shows_every_figure_whole(width: int, height: int, figures: int):
+    view = framing(width, height, figures, 1.25)
+    forward = (view.look_at - view.position) / np.linalg.norm(view.look_at - view.position)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    middle = 0.5 * (figures - 1) * 1.25
+    for index, x, y in itertools.product(range(figures), (-0.45, 0.45), (0.0, 1.8)):
+        point = np.array([index * 1.25 - middle + x, y, 0.0]) - view.position
+        half = np.tan(np.radians(16.0)) * (point @ forward)
+        across, above = (point @ right) / half * height / width, (point @ up) / half
+        assert abs(across) <= 1.0
+        assert abs(above) <= 1.0
+        if width < 576:
+            assert above > -0.12, "on a phone the panel lies below"
+
+
+def test_the_world_moves_under_who_walks(scene: viser.ViserServer):
+    stage = Stage(scene)
+    stage.face(0.7)
+    for step in np.linspace(0.0, 10.0, 50):
+        root = np.array([step, 1.0, -2 * step])
+        stage.follow(root)
+    seen = matrix_from_quat(np.asarray(stage.world.wxyz)) @ root + np.asarray(stage.world.position)
+    assert np.linalg.norm(seen[[0, 2]]) < 0.3
+    assert seen[1] == pytest.approx(1.0)
+    right = matrix_from_quat(np.asarray(stage.world.wxyz)) @ stage.across(2.0)
+    np.testing.assert_allclose(right, [2.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_standing_feet_are_told_at_once_much_as_from_the_whole():
+    walk = sample_motions()["walk"]
+    frames, whole = motion_frames(walk), contacts(walk)
+    soles = SoleContacts(walk.skeleton)
+    told = np.zeros((len(walk), 4), dtype=bool)
+    for index in range(len(walk)):
+        now = frames._replace(positions=frames.positions[index], rotations=frames.rotations[index])
+        told[index] = soles.step(index / walk.rate, soles.places(now))
+    expected = np.stack([whole.left_heel, whole.left_toe, whole.right_heel, whole.right_toe], axis=1)
+    assert (told == expected)[30:].mean() > 0.93
+    assert 0.2 < told[30:].mean() < 0.8
+
+
+def test_a_trail_begins_anew_after_a_jump(scene: viser.ViserServer):
+    trail = Trail(scene.scene, f"{WORLD}/trail", METHODS[0])
+    for index in range(40):
+        trail.add(0.1 * index, np.array([0.05 * index, 1.0, 0.0]))
+    pieces = np.asarray(trail._line.points)
+    assert np.abs(np.diff(pieces, axis=1)).max() < 0.2
+    assert pieces[:, :, 1].max() < 0.05
+    trail.add(4.0, np.array([50.0, 1.0, 0.0]))
+    assert np.asarray(trail._line.points)[:, :, 0].min() == 50.0
+    trail.remove()
+
+
+# --- plots and words -------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(20.0, 1000.0), st.integers(1, 3000), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_a_rolling_plot_is_never_longer_than_it_can_show(rate: float, count: int, peaks: bool):
+    series = Rolling(2, seconds=2.0, peaks=peaks)
+    for index in range(count):
+        series.add(index / rate, np.array([float(index), 1.0]))
+    times, rising, level = series.lines()
+    assert len(times) == len(rising) == len(level) <= POINTS
+    assert times[-1] == 0.0
+    assert times[0] >= -2.0
+    assert (np.diff(times) > 0).all()
+    assert rising[-1] == count - 1
+    assert (level == 1.0).all()
+
+
+def test_a_peak_between_two_points_is_seen():
+    kept, lost = Rolling(1, seconds=12.0, peaks=True), Rolling(1, seconds=12.0)
+    for index in range(1000):
+        for series in (kept, lost):
+            series.add(index / 1000, np.array([50.0 if index == 777 else 1.0]))
+    assert kept.lines()[1].max() == 50.0
+    assert lost.lines()[1].max() == 1.0
+
+
+def test_a_silent_sensor_keeps_its_last_value_and_a_restarted_clock_begins_anew():
+    series = Rolling(1, seconds=2.0)
+    series.add(100.0, np.array([3.0]))
+    series.add(101.0, np.array([np.nan]))
+    assert series.lines()[1].tolist() == [3.0, 3.0]
+    series.add(0.0, np.array([4.0]))
+    assert series.lines()[1].tolist() == [4.0]
+    assert all(np.isfinite(line).all() for line in Rolling(3).lines())
+
+
+def test_long_series_are_decimated():
+    times = np.linspace(0, 600, 36_000)
+    values = np.stack([np.sin(times), np.full_like(times, np.nan)], axis=1)
+    shown = decimated(times, values)
+    assert len(shown) == 3
+    assert len(shown[0]) == 2 * POINTS
+    np.testing.assert_allclose(shown[1], np.sin(shown[0]))
+    assert (shown[2] == 0).all()
+
+
+def test_what_devices_say_is_text_and_never_markup():
+    from poseloom.live.contract import Finding, Trouble
+
+    text = findings_text([Finding("x", Trouble.SILENT, "<script>alert(1)</script>", 0.0)])
+    assert "<script>" not in text
+    assert "&lt;script&gt;" in text
+    assert findings_text([]) == ""
+    assert "a" in box("a")
+
+
+# --- what is shown of files ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def walk_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("take") / "walk.mcap"
+    walk = resample(sample_motions()["walk"].cut(0, 90), 40.0)
+    write_recording(simulate_trackers(walk, layout("six-trackers"), seed=1), path)
+    return path
+
+
+def without_truth(path: Path, kind: str, tmp_path: Path) -> Path:
+    worn = layout(kind)
+    count = len(worn)
+    if kind == "flex-four":
+        values = {"counts": np.full((5, count), 500.0)}
+    else:
+        values = {
+            "positions": np.tile([0.0, 1.0, 0.0], (5, count, 1)),
+            "quats_wxyz": np.tile([1.0, 0.0, 0.0, 0.0], (5, count, 1)),
+        }
+    from poseloom.sensors import default_placements
+
+    body = average_body()
+    made = make_recording(worn, default_placements(worn, body), body, np.arange(5) / worn.rate, **values)
+    write_recording(made, tmp_path / path)
+    return tmp_path / path
+
+
+def test_a_recording_is_shown_with_its_truth_and_methods(walk_file: Path):
+    told: list[tuple[str, int, int]] = []
+    take = load_take([walk_file], Wanted(("inverse-kinematics",)), lambda *step: told.append(step))
+    assert [track.label for track in take.tracks] == ["truth", "inverse-kinematics"]
+    assert take.truth
+    assert told[-1][1] == told[-1][2]
+    errors = position_errors_cm(take, take.tracks[1])
+    assert errors is not None
+    assert 0 < errors[1].mean() < 30
+    assert position_errors_cm(take, take.tracks[0]) is None
+    assert take.tracks[1].health is not None
+
+
+def test_the_same_motion_twice_differs_in_nothing():
+    take = load_take(["sample:walk", "sample:walk"])
+    errors = position_errors_cm(take, take.tracks[1])
+    assert errors is not None
+    assert errors[1].max() == 0
+
+
+def test_motions_of_other_rates_are_compared_at_the_same_times():
+    walk = sample_motions()["walk"]
+    half = make_motion(walk.skeleton, walk.q[::2], walk.rate / 2, "half")
+    tracks = (track_of("whole", METHODS[0], walk), track_of("half", METHODS[1], half))
+    take = Take("both", tracks, False, None, 1.0)
+    errors = position_errors_cm(take, tracks[1])
+    assert errors is not None
+    assert errors[1].max() < 1e-9
+    assert tracks[1].frame_at(0.0) == 0
+    assert tracks[1].frame_at(2.0 / walk.rate) == 1
+    assert tracks[1].frame_at(1e9) == len(half) - 1
+    assert tracks[1].frame_at(-1.0) == 0
+
+
+def test_trackers_alone_are_shown_by_the_method_that_needs_nothing(tmp_path: Path):
+    take = load_take([without_truth(Path("bare.mcap"), "six-trackers", tmp_path)])
+    assert [track.label for track in take.tracks] == ["inverse-kinematics"]
+
+
+def test_what_cannot_be_shown_is_refused(walk_file: Path, tmp_path: Path):
+    with pytest.raises(ViewerError, match="two recordings"):
+        load_take([walk_file, walk_file])
+    with pytest.raises(ViewerError, match="at most 3"):
+        load_take([walk_file, "sample:walk", "sample:run"], Wanted(("inverse-kinematics",)))
+    with pytest.raises(ViewerError, match="needs a recording"):
+        load_take(["sample:walk"], Wanted(("inverse-kinematics",)))
+    with pytest.raises(ViewerError, match="Did you mean 'walk'"):
+        load_take(["sample:wakl"])
+    with pytest.raises(MethodError, match="needs a motion library"):
+        load_take([walk_file], Wanted(("local-gaussian",)))
+    with pytest.raises(ViewerError, match="--method"):
+        load_take([without_truth(Path("flex.mcap"), "flex-four", tmp_path)])
+    with pytest.raises(PoseloomError, match="no such file"):
+        load_take([tmp_path / "none.mcap"])
+
+
+def test_the_clock_plays_seeks_and_stops_at_the_end(monkeypatch: pytest.MonkeyPatch):
+    now = [0.0]
+    monkeypatch.setattr("poseloom.viewer.player.time.monotonic", lambda: now[0])
+    clock = _Clock(10.0)
+    now[0] = 5.0
+    assert clock.now() == 0.0
+    clock.toggle()
+    now[0] = 6.0
+    assert clock.now() == pytest.approx(1.0)
+    clock.faster(2.0)
+    now[0] = 7.0
+    assert clock.now() == pytest.approx(3.0)
+    clock.seek(9.5)
+    now[0] = 8.0
+    assert clock.now() == 10.0
+    assert not clock.playing
+    clock.toggle()
+    assert clock.playing
+    assert clock.now() == 0.0
+    clock.seek(-3.0)
+    assert clock.now() == 0.0
+    clock.toggle()
+    clock.close()
+    assert not clock.wait(0.0)
+
+
+def test_a_player_plays_without_anybody_looking(walk_file: Path):
+    player = Player(load_take([walk_file]), port=0)
+    try:
+        player._clock.toggle()
+        player._clock.seek(1.0)
+        deadline = 100
+        while player._controls._time.value < 1.05 and deadline:
+            player._thread.join(0.05)
+            deadline -= 1
+        assert player._controls._time.value >= 1.05
+        assert player._thread.is_alive()
+    finally:
+        player.close()
+    assert not player._thread.is_alive()
