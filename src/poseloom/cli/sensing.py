@@ -141,7 +141,7 @@ def simulate(
     if name is not None:
         recording = replace(recording, name=name)
     write_recording(recording, output)
-    _show(recording, output)
+    show_recording(recording, output)
 
 
 def _check_output(output: Path) -> None:
@@ -198,7 +198,8 @@ def _parse_fault(text: str) -> "Fault":
     return Fault(first, begin, end, FaultKind(kind), other=other)
 
 
-def _show(recording: "Recording", output: Path) -> None:
+def show_recording(recording: "Recording", output: Path) -> None:
+    """Tells what was written: one line a fact."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
