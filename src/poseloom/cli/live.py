@@ -1,0 +1,249 @@
+"""`poseloom live`, `resolve` and `simulate-device`: sessions with real or simulated devices, and their recordings."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from poseloom.cli._progress import progress_bars
+from poseloom.errors import PoseloomError, SensorError, unknown_name
+
+if TYPE_CHECKING:
+    from poseloom.live.contract import Sink
+    from poseloom.live.session import SessionPlan, SessionSummary
+    from poseloom.live.setup import LiveSettings
+
+_DEVICES = ("vmc", "udp", "udp-binary", "serial")
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the commands."""
+    app.command("live")(live)
+    app.command("resolve")(resolve)
+    app.command("simulate-device")(simulate_device)
+
+
+def live(
+    source: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--source",
+            "-s",
+            metavar="SPEC",
+            help="Where samples come from: vmc[:PORT], udp[:PORT], serial:DEVICE, replay:FILE, simulate:CLIP;"
+            " options behind commas (docs/live.md). May be repeated.",
+        ),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option("--method", "-m", help="How; with a library local-gaussian, else inverse-kinematics."),
+    ] = None,
+    library: Annotated[str | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
+    model: Annotated[str | None, typer.Option("--model", help="A fitted model, from `poseloom fit`.")] = None,
+    calibration: Annotated[
+        str | None, typer.Option("--calibration", "-c", help="Sizes and placements, from `poseloom calibrate`.")
+    ] = None,
+    layout: Annotated[str | None, typer.Option(help="Layout of all sources together.")] = None,
+    view: Annotated[bool | None, typer.Option("--view", help="Show the figure in a browser.")] = None,
+    port: Annotated[int | None, typer.Option(help="The viewer's port.", min=0, max=65535)] = None,
+    record: Annotated[str | None, typer.Option("--record", "-r", help="File to record to (.mcap).")] = None,
+    send: Annotated[
+        list[str] | None, typer.Option("--send", metavar="vmc:HOST:PORT", help="Send poses there. May be repeated.")
+    ] = None,
+    export: Annotated[
+        str | None, typer.Option("--export", help="File for the motion at the end: .bvh, .glb, .npz or .csv.")
+    ] = None,
+    bind: Annotated[
+        str | None,
+        typer.Option(help="Address on which sources and the viewer listen; 127.0.0.1 unless given."),
+    ] = None,
+    folder: Annotated[
+        str | None, typer.Option(help="Where recordings and calibrations go that are asked for in the viewer.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.0)] = None,
+    config: Annotated[Path | None, typer.Option("--config", help="TOML file with the same as keys; flags win.")] = None,
+) -> None:
+    """Turn what sensors say into a moving figure, now.
+
+    Example: poseloom live -s vmc -l library --view --record session.mcap --send vmc:127.0.0.1:39540
+    """  # fmt: skip
+    from poseloom.live.setup import make_settings, read_settings
+
+    flags = {
+        "source": None if source is None else tuple(source),
+        "method": method,
+        "library": library,
+        "model": model,
+        "calibration": calibration,
+        "layout": layout,
+        "view": view,
+        "port": port,
+        "record": record,
+        "send": None if send is None else tuple(send),
+        "export": export,
+        "bind": bind,
+        "folder": folder,
+        "seconds": seconds,
+    }
+    run_live(make_settings(flags) if config is None else read_settings(config, flags))
+
+
+def run_live(settings: "LiveSettings") -> "SessionSummary":
+    """Runs a session with its terminal and, if asked for, its viewer, until it ends or Ctrl-C is pressed."""
+    from rich.console import Console
+
+    from poseloom.cli._live_terminal import TerminalSink
+    from poseloom.live.setup import plan_session
+
+    console = Console()
+    sinks: list[Sink] = []
+    if settings.view:
+        from poseloom.viewer.session import SessionViewer
+
+        viewer = SessionViewer(settings.bind, settings.port or None)
+        console.print(f"Open {viewer.url} in a browser.", highlight=False, soft_wrap=True)
+        sinks.append(viewer)
+    console.print("Getting ready ...", highlight=False)
+    summary = _run(plan_session(settings, (*sinks, TerminalSink(console))))
+    _tell(console, summary)
+    return summary
+
+
+def _run(plan: "SessionPlan") -> "SessionSummary":
+    """Runs a plan; Ctrl-C ends it in order, a second one at once."""
+    import signal
+
+    from poseloom.live.responsiveness import responsive_process
+    from poseloom.live.session import Session
+
+    session = Session(plan)
+
+    def end(number: int, frame: object) -> None:
+        signal.signal(number, before[signal.Signals(number)])
+        session.stop()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with responsive_process():
+            return session.run()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _tell(console: object, summary: "SessionSummary") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    assert isinstance(console, Console)
+    counters = summary.counters
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_row("samples", f"{counters.samples:,} in {summary.seconds:.1f} s, {counters.filled:,} of them empty")
+    table.add_row("poses", f"{counters.frames:,}")
+    lost = (
+        f"{counters.dropped} passed over for newer ones, {counters.superseded} beyond the rate, {counters.lost} lost, "
+        f"{counters.stale} late or twice, {counters.malformed} malformed"
+    )
+    table.add_row("not used", lost)
+    p50, p95, p99 = summary.latency
+    table.add_row("arrival to pose sent", f"p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f} ms")
+    for path in summary.recordings:
+        table.add_row("recorded", str(path))
+    console.print(table)
+
+
+def resolve(
+    recording: Annotated[Path, typer.Argument(help="A live session's recording (.mcap).", metavar="REC")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The motion: .bvh, .glb, .npz or .csv.")],
+    method: Annotated[
+        str | None, typer.Option("--method", "-m", help="How; the session's own method unless given.")
+    ] = None,
+    library: Annotated[
+        Path | None, typer.Option("--library", "-l", help="Folder of a library; the session's unless given.")
+    ] = None,
+    model: Annotated[Path | None, typer.Option("--model", help="A fitted model; the session's unless given.")] = None,
+) -> None:
+    """Solve a live session's recording again: with the same method bit for bit, or with another.
+
+    Example: poseloom resolve session.mcap --method inverse-kinematics -o again.bvh
+    """
+    from rich.console import Console
+
+    from poseloom.formats.session_recording import read_session
+    from poseloom.live.resolving import resolve as solve_again
+    from poseloom.live.resolving_settings import method_for
+    from poseloom.live.sinks.motion_export import check_export, export_motion
+
+    check_export(output)
+    session = read_session(recording)
+    chosen, how, differences = method_for(session, method, library, model)
+    with progress_bars() as show:
+        total = len(session.recording)
+        result = solve_again(session, chosen, lambda done: show("Solving again", done, total))
+    export_motion(result.motion, output)
+    console = Console()
+    console.print(f"{output}: {len(result.q):,} poses by {how}", highlight=False)
+    for difference in differences:
+        console.print(difference, highlight=False)
+    if result.compared:
+        same = "all the same" if result.identical == result.compared else f"{result.identical:,} the same"
+        console.print(
+            f"beside the session's own {result.compared:,} poses: {same} in every bit, "
+            f"largest difference {result.largest:.3g}",
+            highlight=False,
+        )
+
+
+def simulate_device(
+    device: Annotated[str, typer.Argument(help=f"One of {', '.join(_DEVICES)}.", metavar="KIND")],
+    clip: Annotated[str, typer.Argument(help="A motion file, or sample:NAME.")] = "sample:walk",
+    to: Annotated[str, typer.Option(help="HOST:PORT to send to; for serial the name to give the line.")] = "",
+    layout: Annotated[str | None, typer.Option(help="Which sensors are worn.")] = None,
+    rate: Annotated[float | None, typer.Option(help="Samples a second.", min=1.0)] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND:SENSOR:START:STOP", help="A fault, each time the clip is played. May be repeated."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of all that is drawn.", min=0)] = 0,
+    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.")] = None,
+) -> None:
+    """Stand in for a device: speak its protocol to a session in another process, over and over.
+
+    Example: poseloom simulate-device vmc sample:walk --to 127.0.0.1:39539
+    """
+    from dataclasses import replace
+
+    from poseloom.live.devices import LineSpeaker, play, pseudo_terminal
+    from poseloom.live.virtual import parse_fault, virtual_recording
+    from poseloom.sensors import layout as layout_by_name
+
+    if device not in _DEVICES:
+        raise unknown_name("device", device, _DEVICES, SensorError)
+    worn = layout_by_name(layout or ("flex-four" if device == "serial" else "six-trackers"))
+    worn = replace(worn, rate=rate or (worn.rate if device == "serial" else 60.0))
+    recording = virtual_recording(clip, worn, [parse_fault(text) for text in fault or ()], seed)
+    try:
+        if device == "serial":
+            with pseudo_terminal(Path(to) if to else None) as (write, name):
+                typer.echo(f"serial line {name}{f' as {to}' if to else ''}: {worn.rate:g} lines a second")
+                play(recording, LineSpeaker(write), seconds)
+        else:
+            _send(device, to, recording, seconds)
+    except KeyboardInterrupt:
+        typer.echo("Ended.")
+
+
+def _send(device: str, to: str, recording: object, seconds: float | None) -> None:
+    from poseloom.live.devices import DatagramSpeaker, binary_datagram, json_datagram, play, vmc_datagram
+    from poseloom.live.vmc import VMC_PORT
+    from poseloom.live.wire import WIRE_PORT
+    from poseloom.sensors import Recording
+
+    assert isinstance(recording, Recording)
+    encode = {"vmc": vmc_datagram, "udp": json_datagram, "udp-binary": binary_datagram}[device]
+    host, _, port = (to or f"127.0.0.1:{VMC_PORT if device == 'vmc' else WIRE_PORT}").rpartition(":")
+    if not host or not port.isdigit():
+        raise PoseloomError(f"{to!r} is no HOST:PORT", remedy="Write --to 127.0.0.1:39539")
+    typer.echo(f"{device} to {host}:{port}: {recording.layout.rate:g} samples a second")
+    with DatagramSpeaker(host, int(port), encode) as speaker:
+        play(recording, speaker, seconds)

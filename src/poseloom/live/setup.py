@@ -1,0 +1,267 @@
+"""From what a person asked for, on the command line or in a file, to the plan of a session."""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, cast
+
+from poseloom.calibration.calibration import read_calibration
+from poseloom.errors import FormatError, MethodError, PoseloomError, SensorError, unknown_name
+from poseloom.library import MotionLibrary, open_library
+from poseloom.live.contract import Sink
+from poseloom.live.session import SessionPlan
+from poseloom.live.sinks.motion_export import MotionExport
+from poseloom.live.source import Source
+from poseloom.live.source_replay import ReplaySource
+from poseloom.live.specifications import LOOPBACK, make_sender, make_source
+from poseloom.methods import DEFAULT_METHOD, METHODS, make_method, needs_library, needs_model
+from poseloom.methods.contract import Reconstructor
+from poseloom.sensors import (
+    Placement,
+    SensorKind,
+    SensorLayout,
+    SensorSpec,
+    default_placements,
+    layout,
+    layout_names,
+    make_layout,
+)
+from poseloom.skeleton.body import average_body
+from poseloom.skeleton.skeleton import Skeleton
+
+_WITHOUT_LIBRARY = "inverse-kinematics"
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """What a person can ask of a live session: flags of `poseloom live`, and keys of its configuration file.
+
+    Attributes:
+        source: Where samples come from; see `make_source`.
+        method: Name of a method; empty: the recommended one if there is a library, else inverse kinematics.
+        library: Folder of a motion library.
+        model: File of a fitted model.
+        calibration: File of a calibration.
+        layout: Name of the layout of all sources together; empty: as the sources say.
+        view: Whether to show the session in a browser.
+        port: The viewer's port; 0: the first that is free from 8080 on.
+        record: File to record to.
+        send: Where poses are sent, such as "vmc:127.0.0.1:39539".
+        export: File for the motion when the session ends.
+        bind: Address on which network sources and the viewer listen.
+        folder: Where recordings and calibrations go that are asked for in the viewer.
+        seconds: How long to run; 0: until it is ended.
+    """
+
+    source: tuple[str, ...] = ()
+    method: str = ""
+    library: str = ""
+    model: str = ""
+    calibration: str = ""
+    layout: str = ""
+    view: bool = False
+    port: int = 0
+    record: str = ""
+    send: tuple[str, ...] = ()
+    export: str = ""
+    bind: str = LOOPBACK
+    folder: str = "."
+    seconds: float = 0.0
+
+
+def read_settings(path: Path, flags: Mapping[str, Any]) -> LiveSettings:
+    """Settings from a TOML file, over which flags win.
+
+    Args:
+        path: The file; its keys are the fields of `LiveSettings`.
+        flags: What was given on the command line, by field; None where nothing was.
+
+    Raises:
+        FormatError: for a file that cannot be read, an unknown key, or a value of another type.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FormatError("there is no such file", remedy="Check the path", file=path) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FormatError("this is no TOML", cause=str(error), remedy="Mend the file", file=path) from None
+    return make_settings({**{key: _checked(key, value, path) for key, value in content.items()}, **_given(flags)})
+
+
+def make_settings(flags: Mapping[str, Any]) -> LiveSettings:
+    """Settings from what was given on the command line alone."""
+    return LiveSettings(**_given(flags))
+
+
+def _given(flags: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in flags.items() if value is not None}
+
+
+def _checked(key: str, value: Any, path: Path) -> Any:
+    known = {field.name: field for field in fields(LiveSettings)}
+    if key not in known:
+        raise unknown_name("key", key, known, FormatError).at(path)
+    default = known[key].default
+    if isinstance(default, tuple) and isinstance(value, str):
+        return (value,)
+    if isinstance(default, tuple):
+        items = cast("list[Any]", value) if isinstance(value, list) else [None]
+        if all(isinstance(item, str) for item in items):
+            return tuple(str(item) for item in items)
+    elif isinstance(value, type(default)) and isinstance(value, bool) == isinstance(default, bool):
+        return value
+    elif isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    wanted = "a text or a list of texts" if isinstance(default, tuple) else f"a {type(default).__name__}"
+    raise FormatError(f"the key {key!r} is not {wanted}", remedy="Mend the file", file=path)
+
+
+def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionPlan:
+    """The plan of a session.
+
+    Args:
+        settings: What was asked for.
+        sinks: Sinks beside those that the settings name: the viewer, the terminal.
+
+    Raises:
+        PoseloomError: for anything that is missing, cannot be read or does not fit.
+    """
+    if not settings.source:
+        raise SensorError(
+            "no source was given",
+            remedy="Give --source, such as vmc, udp:9870, serial:/dev/ttyACM0 or simulate:sample:walk",
+        )
+    sources = tuple(make_source(text, settings.bind) for text in settings.source)
+    heard = _layout(sources, settings.layout)
+    library = open_library(Path(settings.library)) if settings.library else None
+    make, names = _methods(heard, library, Path(settings.model) if settings.model else None)
+    method = settings.method or _default(heard, library)
+    if method not in METHODS:
+        raise unknown_name("method", method, METHODS, MethodError)
+    worn = _session_layout(method, heard, library, make)
+    skeleton, placements, calibrated = _wearer(settings, sources, worn)
+    exports = (MotionExport(Path(settings.export)),) if settings.export else ()
+    return SessionPlan(
+        sources=sources,
+        layout=worn,
+        skeleton=skeleton,
+        placements=placements,
+        method=method,
+        make=make,
+        sinks=(*(make_sender(text) for text in settings.send), *exports, *sinks),
+        methods=tuple(dict.fromkeys((method, *names))),
+        calibrated=calibrated,
+        record=Path(settings.record) if settings.record else None,
+        folder=Path(settings.folder),
+        settings=_told(settings, library),
+        seconds=settings.seconds or None,
+    )
+
+
+def _layout(sources: Sequence[Source], name: str) -> SensorLayout:
+    """The sensors of all sources: a layout that is named, or a built-in one of the same sensors, or just these."""
+    sensors: list[SensorSpec] = [sensor for source in sources for sensor in source.layout.sensors]
+    rate = max(source.layout.rate for source in sources)
+    if name:
+        named = layout(name)
+        spoken = {sensor.name for sensor in sensors}
+        mute = [sensor for sensor in named.names if sensor not in spoken]
+        if mute:
+            raise SensorError(
+                f"no source speaks of {', '.join(mute)}", remedy="Add a source for them, or choose another layout"
+            )
+        return replace(named, rate=rate)
+    if len(sources) == 1:
+        return sources[0].layout
+    for known in map(layout, layout_names()):
+        if set(known.sensors) == set(sensors) and len(known) == len(sensors):
+            return replace(known, rate=rate)
+    return make_layout("+".join(source.layout.name for source in sources), sensors, rate)
+
+
+def _methods(
+    heard: SensorLayout, library: MotionLibrary | None, model: Path | None
+) -> tuple[Callable[[str], Reconstructor[Any]], tuple[str, ...]]:
+    """How methods are made, and which can be chosen."""
+    trackers = all(sensor.kind is SensorKind.TRACKER for sensor in heard.sensors)
+    names = [
+        name
+        for name in METHODS
+        if trackers and not needs_model(name) and (library is not None or not needs_library(name))
+    ]
+
+    def make(name: str) -> Reconstructor[Any]:
+        rate = library.rate if library is not None and trackers else heard.rate
+        made = make_method(name, replace(heard, rate=rate), library if needs_library(name) else None, model=model)
+        if made.layout.names != heard.names:
+            raise MethodError(
+                f"the method {name!r} listens to {', '.join(made.layout.names)}",
+                cause=f"the sources speak of {', '.join(heard.names)}",
+                remedy="Choose a layout or a model that fits",
+            )
+        return made
+
+    return make, tuple(names)
+
+
+def _default(heard: SensorLayout, library: MotionLibrary | None) -> str:
+    if any(sensor.kind is not SensorKind.TRACKER for sensor in heard.sensors):
+        raise MethodError(
+            f"no method was given for the layout {heard.name!r}",
+            remedy="Give --method and --model; `poseloom methods` lists what there is",
+        )
+    return DEFAULT_METHOD if library is not None else _WITHOUT_LIBRARY
+
+
+def _session_layout(
+    method: str, heard: SensorLayout, library: MotionLibrary | None, make: Callable[[str], Reconstructor[Any]]
+) -> SensorLayout:
+    """The sensors at the rate at which methods hear them: the library's or the model's."""
+    if needs_model(method):
+        return make(method).layout
+    return heard if library is None else replace(heard, rate=library.rate)
+
+
+def _wearer(
+    settings: LiveSettings, sources: Sequence[Source], worn: SensorLayout
+) -> tuple[Skeleton, tuple[Placement, ...], bool]:
+    """Bones and placements: as calibrated, as a recording says, or the average body's."""
+    if settings.calibration:
+        calibration = read_calibration(Path(settings.calibration))
+        known = dict(zip(calibration.sensors, calibration.placements, strict=True))
+        missing = [name for name in worn.names if name not in known]
+        if missing:
+            raise SensorError(
+                f"the calibration has no sensor {', '.join(missing)}",
+                cause=f"it was made with {', '.join(calibration.sensors)}",
+                remedy="Calibrate with the sensors that are worn now",
+                file=settings.calibration,
+            )
+        return calibration.skeleton, tuple(known[name] for name in worn.names), True
+    replays = [source for source in sources if isinstance(source, ReplaySource)]
+    if len(sources) == 1 and replays:
+        recording = replays[0].recording
+        places = dict(zip(recording.layout.names, recording.placements, strict=True))
+        return recording.skeleton, tuple(places[name] for name in worn.names), True
+    body = average_body()
+    return body, default_placements(worn, body), False
+
+
+def _told(settings: LiveSettings, library: MotionLibrary | None) -> dict[str, str]:
+    """The configuration as a recording keeps it, with digests of what the method was fitted to."""
+    told = {"configuration": json.dumps(asdict(settings))}
+    if library is not None:
+        told["library digest"] = library.digest
+    if settings.model:
+        told["model digest"] = _digest(Path(settings.model))
+    return told
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise PoseloomError("the file cannot be read", cause=error.strerror or "", file=path) from None
