@@ -75,9 +75,9 @@ def _heading_of_swing(walk: LevelWalk) -> Heading:
     """Of a shank or thigh: about the axis that points left, the swing turns backwards, shortly and fast."""
     angle, share = _main_axis(walk)
     left, _ = _towards(angle)
-    about = np.einsum("ni,i->n", walk.turns, left)
-    about = about - about.mean()
-    skew = float(np.mean(about**3)) / max(float(np.mean(about**2)), 1e-12) ** 1.5
+    about = np.asarray(walk.turns @ left, dtype=np.float64)
+    about -= about.mean()
+    skew = float((about**3).mean()) / max(float((about**2).mean()), 1e-12) ** 1.5
     return Heading(angle if skew < 0 else angle + math.pi, min(1.0, abs(skew)), share)
 
 
