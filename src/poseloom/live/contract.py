@@ -9,7 +9,7 @@ import enum
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from poseloom.methods.contract import Frame
 from poseloom.sensors import Placement, Sample, SensorLayout
@@ -260,6 +260,7 @@ Post = Callable[[Command], None]
 the facts if they change; a command that cannot be carried out becomes a notice, never an exception."""
 
 
+@runtime_checkable
 class Sink(Protocol):
     """Something that shows, sends or keeps what a session makes.
 

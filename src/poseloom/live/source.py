@@ -1,11 +1,12 @@
 """What every source is to a session, and what a session is to every source."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from poseloom.live.readings import Packet
 from poseloom.sensors import SensorLayout
 
 
+@runtime_checkable
 class Listener(Protocol):
     """Hears what a source has to say. All calls come from the session's event loop."""
 
@@ -32,6 +33,7 @@ class Listener(Protocol):
         ...
 
 
+@runtime_checkable
 class Source(Protocol):
     """Where samples come from.
 
