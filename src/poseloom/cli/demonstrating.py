@@ -18,6 +18,7 @@ _BESIDE = ("local-regression", "inverse-kinematics")
 """Methods shown beside the recommended one."""
 _SHORTEST, _LONGEST = 3.0, 20.0
 """Seconds of a motion to show: long enough to see, short enough to wait for."""
+_LIVE_RATE = 60.0
 
 
 def register(app: typer.Typer) -> None:
@@ -34,6 +35,10 @@ def demo(
         list[str] | None, typer.Option("--exclude", help="Leave out files that fit this pattern; may be repeated.")
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for what is made.")] = Path("demo"),
+    live: Annotated[
+        bool, typer.Option("--live", help="Show a live session on simulated trackers in the browser instead.")
+    ] = False,
+    seconds: Annotated[float, typer.Option(help="With --live: end after so many seconds.", min=0.0)] = 0.0,
 ) -> None:
     """Go the whole way once: library, simulated trackers, reconstruction, report.
 
@@ -52,6 +57,9 @@ def demo(
     from poseloom.report.strip import sequence_strip
 
     out.mkdir(parents=True, exist_ok=True)
+    if live:
+        _live(out, seconds)
+        return
     with progress_bars() as show:
         library, is_new = _library(data, (*(exclude or ()), *_own_files(data, out)), out, show)
         clip = choose_clip(library.clips, library.rate)
@@ -76,6 +84,23 @@ def demo(
     console = Console()
     console.print(evaluation_table(evaluation))
     console.print(_advice(out, stem, data), highlight=False, soft_wrap=True)
+
+
+def _live(out: Path, seconds: float) -> None:
+    """A session on simulated trackers of a walk, which the library of the built-in motions does without."""
+    from poseloom.cli.live import run_live
+    from poseloom.library import build_library
+    from poseloom.live.setup import LiveSettings
+
+    folder = out / "live-library"
+    if not folder.exists():
+        with progress_bars() as show:
+            build_library(["samples"], folder, rate=_LIVE_RATE, mirror=True, exclude=("walk",), progress=show)
+    typer.echo(f"A walk, from six simulated trackers; {folder} holds the other built-in motions, and no walk.")
+    settings = LiveSettings(
+        source=("simulate:sample:walk",), library=str(folder), view=True, folder=str(out), seconds=seconds
+    )
+    run_live(settings)
 
 
 def choose_clip(clips: "tuple[Clip, ...]", rate: float) -> "Clip":
