@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats, Ints
 from poseloom.errors import MethodError
@@ -78,7 +79,7 @@ def time_warp(segment: Floats[Array, "frames columns"], reference: Floats[Array,
     return Warp(cost / len(steps), steps)
 
 
-def medoid(segments: Sequence[Floats[Array, "..."]], seed: int = 0) -> int:
+def medoid(segments: Sequence[NDArray[np.float64]], seed: int = 0) -> int:
     """Index of the segment whose warped distance to the others is least in sum.
 
     Of more than `MOST_CANDIDATES` segments as many are drawn, and the medoid is theirs.
@@ -98,7 +99,7 @@ def medoid(segments: Sequence[Floats[Array, "..."]], seed: int = 0) -> int:
     return int(chosen[int(np.argmin(apart.sum(axis=1)))])
 
 
-def register(segments: Sequence[Floats[Array, "..."]], reference: int) -> tuple[Warp, ...]:
+def register(segments: Sequence[NDArray[np.float64]], reference: int) -> tuple[Warp, ...]:
     """The warp of each segment to the reference segment of this index."""
     return tuple(time_warp(segment, segments[reference]) for segment in segments)
 

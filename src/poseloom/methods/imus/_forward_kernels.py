@@ -1,0 +1,187 @@
+"""The forward step of the two-level HMM, in compiled code."""
+
+import numpy as np
+
+from poseloom.arrays import Array, Bools, Floats, Floats32, Ints, compiled
+
+
+@compiled
+def predict(
+    log_alpha: Floats[Array, "states"],
+    first: Ints[Array, "segments"],
+    stop: Ints[Array, "segments"],
+    phase: Ints[Array, "segments"],
+    successor: Ints[Array, "segments"],
+    entry: Floats[Array, "phases phases"],
+    phase_sizes: Ints[Array, "phases"],
+    steps: Floats[Array, "3"],
+    continuity: float,
+    predicted: Floats[Array, "states"],
+) -> None:
+    """Fills the probabilities of the states before the new signal is looked at.
+
+    Within a segment a frame keeps itself, goes on by one, or by two, with the probabilities `steps`. What goes beyond
+    the segment's end enters other segments at their first frame: the share `continuity` the segment that followed it in
+    the recording (`successor`, -1 where none did), the rest each phase by `entry[phase, other]`, equally over that
+    phase's segments. Zero stands for states out of the beam.
+    """
+    inflow = np.zeros(phase_sizes.shape[0])
+    leaving = np.zeros(phase_sizes.shape[0])
+    predicted[:] = 0.0
+    for s in range(first.shape[0]):
+        begin, end = first[s], stop[s]
+        left = 0.0
+        for i in range(begin, end):
+            if log_alpha[i] == -np.inf:
+                continue
+            mass = np.exp(log_alpha[i])
+            predicted[i] += steps[0] * mass
+            if i + 1 < end:
+                predicted[i + 1] += steps[1] * mass
+            else:
+                left += steps[1] * mass
+            if i + 2 < end:
+                predicted[i + 2] += steps[2] * mass
+            else:
+                left += steps[2] * mass
+        if left > 0.0:
+            if successor[s] >= 0:
+                predicted[first[successor[s]]] += continuity * left
+                left *= 1.0 - continuity
+            leaving[phase[s]] += left
+    for a in range(leaving.shape[0]):
+        if leaving[a] > 0.0:
+            for b in range(leaving.shape[0]):
+                inflow[b] += leaving[a] * entry[a, b]
+    for s in range(first.shape[0]):
+        if inflow[phase[s]] > 0.0:
+            predicted[first[s]] += inflow[phase[s]] / phase_sizes[phase[s]]
+
+
+@compiled
+def update(
+    predicted: Floats[Array, "states"],
+    features: Floats32[Array, "states columns"],
+    precision: Floats32[Array, "phases columns"],
+    log_norm: Floats[Array, "phases"],
+    log_weight: Floats[Array, "segments"],
+    first: Ints[Array, "segments"],
+    stop: Ints[Array, "segments"],
+    phase: Ints[Array, "segments"],
+    seen: Floats32[Array, "columns"],
+    restart: float,
+    stride: int,
+    turn: int,
+    beam: float,
+    log_alpha: Floats[Array, "states"],
+) -> float:
+    """Weighs predicted states by what was seen, prunes, and normalises; fills `log_alpha`.
+
+    The emission is a diagonal Gaussian of the features with the precisions of the state's phase, whose normalising
+    terms are `log_norm`; `log_weight` is added for each segment: how well who moved there fits the wearer. Every
+    `stride`-th state, beginning at `turn`, is also entered from nowhere with its share of the probability `restart`: so
+    a state that had left the beam is looked at anew every `stride` samples, at a `stride`-th of the price.
+
+    Returns:
+        The logarithm of the probability of what was seen, given all before.
+    """
+    states, columns = features.shape
+    best = -np.inf
+    whole = columns - columns % 4
+    share = restart * stride / states
+    for s in range(first.shape[0]):
+        h = phase[s]
+        for i in range(first[s], stop[s]):
+            mass = (1.0 - restart) * predicted[i]
+            if restart > 0.0 and i % stride == turn:
+                mass += share
+            if mass <= 0.0:
+                log_alpha[i] = -np.inf
+                continue
+            # Four sums: one would wait for itself at each addition.
+            a0 = a1 = a2 = a3 = np.float32(0.0)
+            for k in range(0, whole, 4):
+                d0, d1 = seen[k] - features[i, k], seen[k + 1] - features[i, k + 1]
+                d2, d3 = seen[k + 2] - features[i, k + 2], seen[k + 3] - features[i, k + 3]
+                a0 += precision[h, k] * d0 * d0
+                a1 += precision[h, k + 1] * d1 * d1
+                a2 += precision[h, k + 2] * d2 * d2
+                a3 += precision[h, k + 3] * d3 * d3
+            for k in range(whole, columns):
+                d0 = seen[k] - features[i, k]
+                a0 += precision[h, k] * d0 * d0
+            apart = a0 + a1 + a2 + a3
+            value = np.log(mass) - 0.5 * apart + log_norm[h] + log_weight[s]
+            log_alpha[i] = value
+            if value > best:
+                best = value
+    total = 0.0
+    for i in range(states):
+        if log_alpha[i] < best - beam:
+            log_alpha[i] = -np.inf
+        else:
+            total += np.exp(log_alpha[i] - best)
+    shift = best + np.log(total)
+    for i in range(states):
+        if log_alpha[i] != -np.inf:
+            log_alpha[i] -= shift
+    return shift
+
+
+@compiled
+def settle(predicted: Floats[Array, "states"], beam: float, log_alpha: Floats[Array, "states"]) -> None:
+    """The step without a signal: the prediction itself, pruned and normalised."""
+    best = 0.0
+    for i in range(predicted.shape[0]):
+        if predicted[i] > best:
+            best = predicted[i]
+    least = best * np.exp(-beam)
+    total = 0.0
+    for i in range(predicted.shape[0]):
+        if predicted[i] >= least:
+            total += predicted[i]
+    for i in range(predicted.shape[0]):
+        log_alpha[i] = np.log(predicted[i] / total) if predicted[i] >= least else -np.inf
+
+
+@compiled
+def best_segments(
+    log_alpha: Floats[Array, "states"],
+    first: Ints[Array, "segments"],
+    stop: Ints[Array, "segments"],
+    phase: Ints[Array, "segments"],
+    allowed: Bools[Array, "phases"],
+    chosen: Ints[Array, "best"],
+    mass: Floats[Array, "best"],
+    place: Floats[Array, "best"],
+    phases: Floats[Array, "phases"],
+) -> int:
+    """The segments of the largest probabilities in the allowed phases, and where in them one is.
+
+    Fills, best first, the segments' indices, probabilities and expected states (fractional), and for every phase its
+    probability. Returns how many were found.
+    """
+    count = 0
+    phases[:] = 0.0
+    for s in range(first.shape[0]):
+        total, moment = 0.0, 0.0
+        for i in range(first[s], stop[s]):
+            if log_alpha[i] != -np.inf:
+                p = np.exp(log_alpha[i])
+                total += p
+                moment += p * i
+        if total <= 0.0:
+            continue
+        phases[phase[s]] += total
+        if not allowed[phase[s]]:
+            continue
+        at = count
+        while at > 0 and mass[at - 1] < total:
+            at -= 1
+        if at >= chosen.shape[0]:
+            continue
+        count = min(count + 1, chosen.shape[0])
+        for k in range(count - 1, at, -1):
+            chosen[k], mass[k], place[k] = chosen[k - 1], mass[k - 1], place[k - 1]
+        chosen[at], mass[at], place[at] = s, total, moment / total
+    return count

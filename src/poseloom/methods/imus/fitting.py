@@ -1,0 +1,301 @@
+"""Fitting the phase HMM: phases, registration, Gaussian maps and transitions of training pairs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseloom.arrays import Array, Floats, Floats32, Ints, frozen, frozen_float
+from poseloom.errors import MethodError
+from poseloom.methods.imus.features import (
+    MotionFeatures,
+    fit_signal_features,
+    motion_features,
+    registered_columns,
+)
+from poseloom.methods.imus.gaussian_map import fit_gaussian_map
+from poseloom.methods.imus.model import WAY_ENTRIES, HmmModel
+from poseloom.methods.imus.pairs import SignalPair
+from poseloom.methods.imus.phases import label_phases
+from poseloom.methods.imus.registration import medoid, time_warp
+from poseloom.methods.imus.settings import PhaseHmmSettings
+from poseloom.rotations import quat_conjugate, quat_multiply, rotvec_from_quat
+from poseloom.sensors import Placement, default_placements
+from poseloom.sensors.layout import SensorLayout
+from poseloom.skeleton.kinematics import motion_frames
+from poseloom.skeleton.skeleton import Skeleton
+
+Progress = Callable[[str, int, int], object]
+"""Called with the name of what is being done, and how many of how many are."""
+
+_FEWEST = 8
+"""Examples below which a warped time takes its neighbours' too."""
+
+_QUERIES = 400
+"""States of a phase whose nearest other takes are sought for the emission's precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """A segment before it has its place in the model."""
+
+    pair: int
+    start: int
+    stop: int
+    upper: str
+
+
+def fit_model(
+    pairs: Sequence[SignalPair],
+    layout: SensorLayout,
+    settings: PhaseHmmSettings,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> HmmModel:
+    """Learns the phase HMM's arrays.
+
+    Args:
+        pairs: Motions and signals at the layout's rate, all of the layout's sensors; best without mounting error, which
+            the model aligns online.
+        layout: The sensors.
+        settings: What to learn.
+        seed: Of the draws: windows, medoid candidates, nearest states.
+        progress: Told what is being done.
+
+    Raises:
+        MethodError: for no pairs, or pairs of another rate or number of channels.
+        SkeletonError: for motions that are not on the body.
+    """
+    tell = progress or (lambda what, done, total: None)
+    _check(pairs, layout)
+    stretches, features = _cut(pairs, settings, tell)
+    signal_features = fit_signal_features([pair.signal for pair in pairs], settings.window, settings.columns, seed)
+    uppers = sorted({stretch.upper for stretch in stretches})
+    upper_index = {name: index for index, name in enumerate(uppers)}
+    lengths = np.array([s.stop - s.start for s in stretches], dtype=np.int64)
+    stops = np.cumsum(lengths)
+    firsts = stops - lengths
+    phase_of_segment = np.array([upper_index[s.upper] for s in stretches], dtype=np.int64)
+    owners = np.array([s.pair for s in stretches], dtype=np.int64)
+    quats = np.concatenate([f.quats_wxyz for f in features])
+    others = np.concatenate([_others(f) for f in features])
+    signals = np.concatenate([pair.signal for pair in pairs])
+    columns = np.concatenate([signal_features.of_signal(pair.signal) for pair in pairs])
+    ups = np.concatenate([_ups(pair, layout) for pair in pairs])
+    # Segments cover the pairs frame by frame and in order, so states are the pairs' frames one after another.
+    successor = np.where(np.diff(owners, append=-1) == 0, np.arange(1, len(stretches) + 1), -1).astype(np.int64)
+    maps, gains, variances = _fit_maps(
+        stretches, features, quats, others, signals, firsts, stops, phase_of_segment, len(uppers), settings, seed, tell
+    )
+    phase_of_state = np.repeat(phase_of_segment, lengths)
+    takes = np.array([pair.take for pair in pairs])
+    take_of_state = np.repeat(np.unique(takes, return_inverse=True)[1][owners], lengths)
+    precision = _precision(columns, phase_of_state, take_of_state, maps, len(uppers), settings, seed)
+    bodies, body_of_pair = _bodies(pairs)
+    return HmmModel(
+        signal_features=signal_features,
+        features=frozen(columns),
+        signals=frozen(signals.astype(np.float32)),
+        quats_wxyz=frozen(quats.astype(np.float32)),
+        others=frozen(others.astype(np.float32)),
+        ups=frozen(ups.astype(np.float32)),
+        maps=frozen(maps),
+        gains=frozen(gains.astype(np.float32)),
+        variances=frozen(variances.astype(np.float32)),
+        first=frozen(firsts),
+        stop=frozen(stops),
+        phase_of_segment=frozen(phase_of_segment),
+        successor=frozen(successor),
+        body_of_segment=frozen(body_of_pair[owners]),
+        phase_of_state=frozen(phase_of_state),
+        phase_names=tuple(uppers),
+        phase_sizes=frozen(np.bincount(phase_of_segment, minlength=len(uppers)).astype(np.int64)),
+        entry=frozen_float(_entries(phase_of_segment, successor, len(uppers), settings.upper_next)),
+        precision=frozen_float(precision),
+        bodies=frozen_float(bodies),
+    )
+
+
+def bone_lengths(skeleton: Skeleton) -> Floats[Array, "bones"]:
+    """Length of every bone of the body, metres."""
+    return np.asarray(np.linalg.norm(skeleton.offsets[1:], axis=1))
+
+
+def _check(pairs: Sequence[SignalPair], layout: SensorLayout) -> None:
+    if not pairs:
+        raise MethodError("there are no pairs to learn from", remedy="Give motions of the behaviours to reconstruct")
+    for pair in pairs:
+        if pair.signal.shape != (len(pair.motion), 6 * len(layout)) or abs(pair.motion.rate - layout.rate) > 1e-6:
+            raise MethodError(
+                f"the pair {pair.clip!r} has {pair.signal.shape[1]} channels at {pair.motion.rate:g} Hz; "
+                f"the layout {layout.name!r} has {6 * len(layout)} at {layout.rate:g} Hz",
+                remedy="Make the pairs for this layout",
+            )
+
+
+def _cut(
+    pairs: Sequence[SignalPair], settings: PhaseHmmSettings, tell: Progress
+) -> tuple[list[_Stretch], list[MotionFeatures]]:
+    stretches: list[_Stretch] = []
+    features: list[MotionFeatures] = []
+    for index, pair in enumerate(pairs):
+        track = label_phases(pair.motion, pair.behaviour, settings.phases)
+        longest = max(round(settings.phases.longest * pair.motion.rate), 1)
+        for segment in track.segments(longest):
+            name = f"{pair.behaviour.value}: {segment.phase.title}"
+            stretches.append(_Stretch(index, segment.start, segment.stop, name))
+        features.append(motion_features(pair))
+        tell("telling phases", index + 1, len(pairs))
+    return stretches, features
+
+
+def _others(features: MotionFeatures) -> Floats[Array, "frames others"]:
+    parts = (features.height[:, None], features.way, features.turn[:, None], features.standing.astype(np.float64))
+    return np.concatenate(parts, axis=1)
+
+
+def _ups(pair: SignalPair, layout: SensorLayout) -> Floats[Array, "frames sensors 3"]:
+    """World up in each sensor's frame, for sensors at their usual places."""
+    placements: tuple[Placement, ...] = default_placements(layout, pair.motion.skeleton)
+    rotations = motion_frames(pair.motion).rotations
+    bones = [pair.motion.skeleton.index(placement.bone) for placement in placements]
+    turns = np.stack([placement.R_bone_sensor for placement in placements])
+    return np.asarray((rotations[:, bones] @ turns)[:, :, 1, :])
+
+
+def _fit_maps(
+    stretches: Sequence[_Stretch],
+    features: Sequence[MotionFeatures],
+    quats: Floats[Array, "states joints 4"],
+    others: Floats[Array, "states others"],
+    signals: Floats[Array, "states channels"],
+    firsts: Ints[Array, "segments"],
+    stops: Ints[Array, "segments"],
+    phase_of_segment: Ints[Array, "segments"],
+    phases: int,
+    settings: PhaseHmmSettings,
+    seed: int,
+    tell: Progress,
+) -> tuple[Ints[Array, "states"], Floats[Array, "maps entries channels"], Floats[Array, "maps entries"]]:
+    """A Gaussian map for each phase and warped time, and which one each state has."""
+    maps = np.zeros(len(quats), dtype=np.int64)
+    gains: list[NDArray[np.float64]] = []
+    variances: list[NDArray[np.float64]] = []
+    columns = [registered_columns(each) for each in features]
+    for phase in range(phases):
+        members = np.flatnonzero(phase_of_segment == phase)
+        pieces = [columns[stretches[m].pair][stretches[m].start : stretches[m].stop] for m in members]
+        reference = medoid(pieces, seed)
+        length = len(pieces[reference])
+        times = np.concatenate([time_warp(piece, pieces[reference]).of_segment(len(piece)) for piece in pieces])
+        states = np.concatenate([np.arange(firsts[m], stops[m]) for m in members])
+        for time in range(length):
+            near = _at_time(times, time)
+            x = _residuals(quats[states[near]], others[states[near]])
+            fitted = fit_gaussian_map(x, signals[states[near]], settings.shrinkage)
+            gains.append(fitted.gain)
+            variances.append(fitted.variance)
+        maps[states] = len(gains) - length + times
+        tell("registering phases", phase + 1, phases)
+    return maps, np.stack(gains), np.stack(variances)
+
+
+def _at_time(times: Ints[Array, "states"], time: int) -> Ints[Array, "near"]:
+    """States at a warped time; where they are few, those just before and after it too."""
+    reach = 0
+    near = np.flatnonzero(times == time)
+    while len(near) < min(_FEWEST, len(times)):
+        reach += 1
+        near = np.flatnonzero(np.abs(times - time) <= reach)
+    return near
+
+
+def _residuals(
+    quats: Floats[Array, "examples joints 4"], others: Floats[Array, "examples others"]
+) -> Floats[Array, "examples entries"]:
+    """Each example's turn from the examples' mean rotation, in the joints' own axes, then height, way and turn."""
+    aligned = np.where(np.sum(quats * quats[:1], axis=-1, keepdims=True) < 0, -1.0, 1.0) * quats
+    mean = aligned.mean(axis=0)
+    mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
+    turns = rotvec_from_quat(quat_multiply(quat_conjugate(mean)[None], aligned))
+    return np.concatenate([turns.reshape(len(turns), -1), others[:, :WAY_ENTRIES]], axis=1)
+
+
+def _precision(
+    columns: Floats32[Array, "states columns"],
+    phase_of_state: Ints[Array, "states"],
+    take_of_state: Ints[Array, "states"],
+    maps: Ints[Array, "states"],
+    phases: int,
+    settings: PhaseHmmSettings,
+    seed: int,
+) -> Floats[Array, "phases columns"]:
+    """The emission's precision of each phase.
+
+    Either of each column about the mean of its warped time, tied over the phase (eq. 9 takes it of one sample, which has
+    none); or one for all columns, from the squared distance to the nearest state of the phase in another take.
+    """
+    out = np.empty((phases, columns.shape[1]))
+    generator = np.random.default_rng(seed)
+    for phase in range(phases):
+        rows = np.flatnonzero(phase_of_state == phase)
+        if settings.window_emission:
+            out[phase] = columns.shape[1] / _nearest(columns, rows, take_of_state, generator)
+            continue
+        kinds, places = np.unique(maps[rows], return_inverse=True)
+        counts = np.bincount(places)
+        means = np.stack(
+            [np.bincount(places, columns[rows, k], len(kinds)) / counts for k in range(columns.shape[1])], axis=1
+        )
+        variance = ((columns[rows] - means[places]) ** 2).mean(axis=0)
+        out[phase] = 1 / np.maximum(variance, 1e-3 * max(float(variance.mean()), 1e-6))
+    if settings.window_emission:
+        # Phases without a second take have no distance of their own.
+        known = np.isfinite(out[:, 0])
+        typical = float(np.median(out[known])) if known.any() else 1.0
+        out[~known] = typical
+        # Half way to the typical one, in logarithms: phases of few takes are noisy.
+        out = np.sqrt(out * typical)
+    return settings.tempering * out
+
+
+def _nearest(
+    columns: Floats32[Array, "states columns"],
+    rows: Ints[Array, "rows"],
+    take_of_state: Ints[Array, "states"],
+    generator: np.random.Generator,
+) -> float:
+    """Median squared distance of a phase's states to the nearest of its states in another take; infinite for none."""
+    asked = rows if len(rows) <= _QUERIES else generator.choice(rows, _QUERIES, replace=False)
+    values = columns[rows].astype(np.float64)
+    squares = (values**2).sum(axis=1)
+    found: list[float] = []
+    for row in asked:
+        apart = squares - 2 * values @ columns[row] + float((columns[row].astype(np.float64) ** 2).sum())
+        apart[take_of_state[rows] == take_of_state[row]] = np.inf
+        found.append(float(apart.min()))
+    middle = float(np.median(found))
+    return middle if middle > 0 else np.inf
+
+
+def _entries(
+    phase_of_segment: Ints[Array, "segments"], successor: Ints[Array, "segments"], phases: int, upper_next: float
+) -> Floats[Array, "phases phases"]:
+    """Where mass goes that leaves a phase: to phases that followed it in the recordings, or by exit to all others."""
+    follows = np.zeros((phases, phases))
+    known = successor >= 0
+    np.add.at(follows, (phase_of_segment[known], phase_of_segment[successor[known]]), 1.0)
+    np.fill_diagonal(follows, 0.0)
+    total = follows.sum(axis=1, keepdims=True)
+    exits = (1.0 - np.eye(phases)) / max(phases - 1, 1)
+    if phases == 1:
+        return np.ones((1, 1))
+    nexts = np.where(total > 0, follows / np.where(total > 0, total, 1.0), exits)
+    return upper_next * nexts + (1 - upper_next) * exits
+
+
+def _bodies(pairs: Sequence[SignalPair]) -> tuple[Floats[Array, "bodies bones"], Ints[Array, "pairs"]]:
+    lengths = np.stack([bone_lengths(pair.motion.skeleton) for pair in pairs])
+    bodies, index = np.unique(lengths.round(4), axis=0, return_inverse=True)
+    return bodies, index.reshape(-1).astype(np.int64)

@@ -1,0 +1,378 @@
+"""The phase HMM with reactive interpolation: full-body motion from one to three IMUs, one sample at a time.
+
+Source: Mousas, Full-body locomotion reconstruction of virtual characters using a single inertial measurement unit,
+Sensors 2017. Sections and equations in the modules beside this one; `docs/phases-and-hmm.md` has the derivations and
+where the default settings depart from the paper's (`PAPER_SETTINGS`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poseloom.arrays import Array, Bools, Floats, Floats32, Ints
+from poseloom.errors import MethodError
+from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
+from poseloom.methods.imus import _forward_kernels, _pose_kernels
+from poseloom.methods.imus.fitting import bone_lengths, fit_model
+from poseloom.methods.imus.ground import Ground, Legs, heading_turn, make_legs, move, start_ground
+from poseloom.methods.imus.model import WAY_ENTRIES, HmmModel
+from poseloom.methods.imus.mounting import Mounting, aligned, misaligned, observe_mounting, unknown_mounting
+from poseloom.methods.imus.pairs import CHANNELS, SignalPair, check_imus, pairs_digest, sample_signal
+from poseloom.methods.imus.settings import PhaseHmmSettings
+from poseloom.rotations import nearest_branch, quat_from_matrix, quat_multiply, rotvec_from_quat
+from poseloom.sensors import Placement, Sample, SensorLayout
+from poseloom.skeleton.body import BODY_BONES
+from poseloom.skeleton.motion import Pose
+from poseloom.skeleton.retarget import leg_length
+from poseloom.skeleton.skeleton import Skeleton
+
+_WAY_SPREAD = 0.05
+"""Standard deviation of the root's place, as a share of the way gone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wearer:
+    """What stays the same from the first sample to the last.
+
+    Attributes:
+        legs: The wearer's skeleton, legs and soles.
+        leg: Length of a leg, metres.
+        log_weight: Of each segment, how well the person's build in it fits the wearer's.
+    """
+
+    legs: Legs
+    leg: float
+    log_weight: Floats[Array, "segments"]
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """What the segments say together.
+
+    Attributes:
+        quats_wxyz: Local rotations, the root's with its heading taken off.
+        variance: Of the joints' angles.
+        speed: Turn of each joint to the next frame.
+        others: Height, way, turn and contacts.
+        signal: What the sensors are expected to say now, well mounted.
+        ups: World up in the sensors' frames.
+        segments: The K best segments.
+        weights: Their weights.
+    """
+
+    quats_wxyz: Floats[Array, "joints 4"]
+    variance: Floats[Array, "entries"]
+    speed: Floats[Array, "entries"]
+    others: Floats[Array, "others"]
+    signal: Floats[Array, "channels"]
+    ups: Floats[Array, "sensors 3"]
+    segments: Ints[Array, "best"]
+    weights: Floats[Array, "best"]
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseHmmState:
+    """What changes from sample to sample.
+
+    Attributes:
+        wearer: What does not.
+        log_alpha: Log probability of each state given all samples; None before the first.
+        window: The last samples as the sensors said them, gaps filled with what was expected.
+        mounting: What is known of the sensors' mounting errors.
+        guess: What the segments said last; None before the first sample.
+        quats_wxyz: The last pose after blending.
+        q: The last pose vector.
+        ground: Where the body is; None before the first sample.
+        heading: Radians about world up.
+        drift: How much faster the wearer turns than the examples, radians a frame.
+        gone: Metres gone so far.
+        turn: Which states are looked at anew at the next sample.
+        silent: Samples in a row in which no sensor spoke.
+    """
+
+    wearer: Wearer
+    log_alpha: Floats[Array, "states"] | None
+    window: Floats[Array, "window channels"]
+    mounting: Mounting
+    guess: Guess | None
+    quats_wxyz: Floats[Array, "joints 4"]
+    q: Floats[Array, "dofs"]
+    ground: Ground | None
+    heading: float = 0.0
+    drift: float = 0.0
+    gone: float = 0.0
+    turn: int = 0
+    silent: int = 0
+
+
+class PhaseHmm(Reconstructor[PhaseHmmState]):
+    """Full-body motion from one to three IMUs by a two-level HMM over the frames of examples.
+
+    Fit one with `fit_phase_hmm`, read one with `read_phase_hmm`.
+
+    Attributes:
+        layout: The IMUs.
+        model: What was learnt.
+        settings: How it is run.
+        seed: Of the fit.
+        data_digest: Digest of the pairs it was fitted to.
+    """
+
+    def __init__(
+        self, layout: SensorLayout, model: HmmModel, settings: PhaseHmmSettings, seed: int = 0, data_digest: str = ""
+    ) -> None:
+        check_imus(layout)
+        if model.signals.shape[1] != CHANNELS * len(layout):
+            raise MethodError(
+                f"the model knows {model.signals.shape[1]} channels, the layout {layout.name!r} has "
+                f"{CHANNELS * len(layout)}",
+                remedy="Run the model on the layout it was fitted to",
+            )
+        self.layout = layout
+        self.delay = 0
+        self.model = model
+        self.settings = settings
+        self.seed = seed
+        self.data_digest = data_digest
+        self._precision: Floats32[Array, "phases columns"] = model.precision.astype(np.float32)
+        self._log_norm: Floats[Array, phases] = 0.5 * np.log(model.precision / (2 * np.pi)).sum(axis=1)
+        self._steps = np.array(settings.steps)
+        self._stride = -(-len(model) // settings.restart_states)
+
+    def start(self, skeleton: Skeleton, placements: Sequence[Placement]) -> PhaseHmmState:
+        """See `Reconstructor.start`. Placements must be the layout's usual ones up to a mounting error."""
+        if skeleton.names != BODY_BONES:
+            raise MethodError(
+                "the phase HMM moves the 22-bone body, and this skeleton is another",
+                remedy="Retarget the wearer's skeleton to the body first",
+            )
+        bones = [placement.bone for placement in placements]
+        if bones != [sensor.bone for sensor in self.layout.sensors]:
+            raise MethodError(
+                f"the placements are on {', '.join(bones)}; the layout {self.layout.name!r} has its sensors elsewhere",
+                remedy="Give one placement for each sensor of the layout, in its order",
+            )
+        wearer = Wearer(make_legs(skeleton), leg_length(skeleton), self._body_weights(skeleton))
+        quats = np.zeros((len(BODY_BONES), 4))
+        quats[:, 0] = 1.0
+        return PhaseHmmState(
+            wearer,
+            None,
+            np.full((self.model.signal_features.window, CHANNELS * len(self.layout)), np.nan),
+            unknown_mounting(len(self.layout), self.settings.mounting),
+            None,
+            quats,
+            np.zeros(skeleton.size),
+            None,
+        )
+
+    def step(self, state: PhaseHmmState, sample: Sample) -> tuple[PhaseHmmState, Frame | None]:
+        """See `Reconstructor.step`. No frame comes until all sensors have spoken once."""
+        said = sample_signal(sample)
+        heard = np.isfinite(said).reshape(len(self.layout), -1).all(axis=1)
+        if state.guess is None:
+            if not heard.all():
+                return state, None
+            window = np.repeat(said[None], len(state.window), axis=0)
+        else:
+            expected = misaligned(state.mounting, self._expected_next(state))
+            said = np.where(np.repeat(heard, CHANNELS), said, expected)
+            window = np.concatenate([state.window[1:], said[None]])
+        spoken = bool(heard.any())
+        live_window = aligned(state.mounting, window)
+        log_alpha = self._forward(state, live_window if spoken else None)
+        guess = self._guess(state, log_alpha, live_window[-1], self.settings.correction if spoken else 0.0)
+        mounting = state.mounting
+        if spoken and self.settings.mounting > 0:
+            mounting = observe_mounting(mounting, said, guess.signal, heard, self.settings.mounting_gain)
+        moved = replace(
+            state,
+            log_alpha=log_alpha,
+            window=window,
+            mounting=mounting,
+            guess=guess,
+            turn=(state.turn + 1) % self._stride,
+            silent=0 if spoken else state.silent + 1,
+        )
+        placed = self._placed(state, moved, guess, live_window[-1] if spoken else guess.signal)
+        return placed, Frame(sample.time, self._pose(placed), self._spread(placed), self._health(placed, heard))
+
+    def phase_probabilities(self, state: PhaseHmmState) -> dict[str, float]:
+        """The probability of each upper state, such as "walking: mid-stance"; empty before the first sample."""
+        if state.log_alpha is None:
+            return {}
+        masses = np.bincount(self.model.phase_of_state, np.exp(state.log_alpha), minlength=len(self.model.phase_names))
+        return {name: float(mass) for name, mass in zip(self.model.phase_names, masses, strict=True)}
+
+    def _body_weights(self, skeleton: Skeleton) -> Floats[Array, "segments"]:
+        how = self.settings
+        away = np.linalg.norm((self.model.bodies - bone_lengths(skeleton)) / how.body_scale, axis=1)
+        return -0.5 * np.minimum(away, how.body_limit)[self.model.body_of_segment] ** 2
+
+    def _forward(
+        self, state: PhaseHmmState, window: Floats[Array, "window channels"] | None
+    ) -> Floats[Array, "states"]:
+        model, how = self.model, self.settings
+        predicted = np.empty(len(model))
+        if state.log_alpha is None:
+            predicted[:] = 1 / len(model)
+        else:
+            _forward_kernels.predict(
+                state.log_alpha, model.first, model.stop, model.phase_of_segment, model.successor, model.entry,
+                model.phase_sizes, self._steps, how.continuity, predicted,
+            )  # fmt: skip
+        log_alpha = np.empty(len(model))
+        if window is None:
+            _forward_kernels.settle(predicted, how.beam, log_alpha)
+        else:
+            _forward_kernels.update(
+                predicted, model.features, self._precision, self._log_norm, state.wearer.log_weight, model.first,
+                model.stop, model.phase_of_segment, model.signal_features.of_window(window), how.restart,
+                self._stride, state.turn, how.beam, log_alpha,
+            )  # fmt: skip
+        return log_alpha
+
+    def _guess(
+        self, state: PhaseHmmState, log_alpha: Floats[Array, "states"], live: Floats[Array, "channels"],
+        correction: float,
+    ) -> Guess:  # fmt: skip
+        model = self.model
+        segments, weights, places = self._best(state, log_alpha)
+        lower = np.floor(places).astype(np.int64)
+        upper = np.minimum(lower + 1, model.stop[segments] - 1)
+        fraction = np.where(upper > lower, places - lower, 0.0)
+        others = self._between(model.others, lower, upper, fraction)
+        joints = model.quats_wxyz.shape[1]
+        mean, variance, speed = np.empty((joints, 4)), np.empty(3 * joints), np.empty(3 * joints)
+        corrected = np.ascontiguousarray(others[:, :WAY_ENTRIES])
+        _pose_kernels.interpolate(
+            model.quats_wxyz, model.signals, model.maps, model.gains, model.variances, lower, upper, fraction, weights,
+            live, correction, mean, variance, speed, corrected,
+        )  # fmt: skip
+        others[:, :WAY_ENTRIES] = corrected
+        return Guess(
+            mean,
+            variance,
+            speed,
+            weights @ others,
+            weights @ self._between(model.signals, lower, upper, fraction),
+            np.tensordot(weights, self._between(model.ups, lower, upper, fraction), 1),
+            segments,
+            weights,
+        )
+
+    def _best(
+        self, state: PhaseHmmState, log_alpha: Floats[Array, "states"]
+    ) -> tuple[Ints[Array, "best"], Floats[Array, "best"], Floats[Array, "best"]]:
+        """The K best segments, their weights, and the state at which one is in each."""
+        model, how = self.model, self.settings
+        chosen = np.empty(how.neighbours, dtype=np.int64)
+        mass, place = np.empty(how.neighbours), np.empty(how.neighbours)
+        phases = np.empty(len(model.phase_names))
+        allowed: Bools[Array, phases] = np.ones(len(phases), dtype=np.bool_)
+        if how.one_phase:
+            masses = np.bincount(model.phase_of_state, np.exp(log_alpha), minlength=len(phases))
+            allowed = np.arange(len(phases)) == int(np.argmax(masses))
+        count = _forward_kernels.best_segments(
+            log_alpha, model.first, model.stop, model.phase_of_segment, allowed, chosen, mass, place, phases
+        )
+        weights = mass[:count] ** how.sharpness
+        weights /= weights.sum()
+        if state.guess is not None and how.weight_smoothing > 0:
+            same = chosen[:count, None] == state.guess.segments[None]
+            weights = (1 - how.weight_smoothing) * weights + how.weight_smoothing * (same @ state.guess.weights)
+            weights /= weights.sum()
+        return chosen[:count], weights, place[:count]
+
+    @staticmethod
+    def _between(
+        values: Floats32[Array, "states *columns"],
+        lower: Ints[Array, "best"],
+        upper: Ints[Array, "best"],
+        fraction: Floats[Array, "best"],
+    ) -> Floats[Array, "best *columns"]:
+        share = fraction.reshape(-1, *(1,) * (values.ndim - 1))
+        return (1 - share) * values[lower] + share * values[upper]
+
+    def _expected_next(self, state: PhaseHmmState) -> Floats[Array, "channels"]:
+        assert state.guess is not None
+        return state.guess.signal
+
+    def _placed(
+        self, before: PhaseHmmState, state: PhaseHmmState, guess: Guess, live: Floats[Array, "channels"]
+    ) -> PhaseHmmState:
+        """The blended pose on its ground."""
+        how, legs = self.settings, state.wearer.legs
+        quats = guess.quats_wxyz
+        height = float(guess.others[0]) * state.wearer.leg
+        standing = np.clip(guess.others[WAY_ENTRIES:], 0.0, 1.0)
+        if before.ground is None or before.guess is None:
+            q = self._vector(quats, 0.0, before.q)
+            q[1] = height
+            ground = start_ground(legs, q, standing)
+            q[:3] = ground.root
+            return replace(state, quats_wxyz=quats, q=q, ground=ground)
+        blended = np.empty_like(quats)
+        _pose_kernels.blend(before.quats_wxyz, before.guess.speed, quats, how.blend, how.turn_limit, blended)
+        excess = float(np.mean(np.sum(guess.ups * (live - guess.signal).reshape(-1, 2, 3)[:, 1], axis=1)))
+        share = 1.0 / (how.turn_seconds * self.layout.rate)
+        drift = before.drift + share * (excess / self.layout.rate - before.drift)
+        last = before.guess.others
+        heading = before.heading + float(last[3]) + drift
+        way = state.wearer.leg * (heading_turn(before.heading) @ np.array([last[1], 0.0, last[2]]))
+        q, ground = self._vector(blended, heading, before.q), before.ground
+        ground, q = move(legs, ground, q, way[[0, 2]], height, standing, how.contact_lock, how.lock_limit)
+        gone = before.gone + float(np.linalg.norm(ground.root[[0, 2]] - before.ground.root[[0, 2]]))
+        return replace(state, quats_wxyz=blended, q=q, ground=ground, heading=heading, drift=drift, gone=gone)
+
+    @staticmethod
+    def _vector(quats: Floats[Array, "joints 4"], heading: float, last: Floats[Array, "dofs"]) -> Floats[Array, "dofs"]:
+        """The pose vector of a heading and local rotations, on the branch of the last, the root's place left at zero."""
+        turned = quats.copy()
+        turned[0] = quat_multiply(quat_from_matrix(heading_turn(heading)), quats[0])
+        q = np.zeros(3 + 3 * len(quats))
+        q[3:] = nearest_branch(rotvec_from_quat(turned), last[3:].reshape(-1, 3)).reshape(-1)
+        return q
+
+    def _pose(self, state: PhaseHmmState) -> Pose:
+        return Pose(state.wearer.legs.skeleton, state.q)
+
+    def _spread(self, state: PhaseHmmState) -> Floats[Array, "dofs"]:
+        assert state.guess is not None
+        place = np.full(3, _WAY_SPREAD * state.gone + 0.01)
+        return np.concatenate([place, np.sqrt(np.maximum(state.guess.variance, 1e-8))])
+
+    def _health(self, state: PhaseHmmState, heard: Bools[Array, "sensors"]) -> Health:
+        missing = tuple(name for name, spoke in zip(self.layout.names, heard, strict=True) if not spoke)
+        if not missing:
+            return Health()
+        if heard.any():
+            return Health(HealthState.DEGRADED, missing)
+        lost = state.silent > self.settings.lost_after * self.layout.rate
+        return Health(HealthState.LOST if lost else HealthState.COASTING, missing)
+
+
+def fit_phase_hmm(
+    pairs: Sequence[SignalPair],
+    layout: SensorLayout,
+    settings: PhaseHmmSettings | None = None,
+    seed: int = 0,
+    progress: Callable[[str, int, int], object] | None = None,
+) -> PhaseHmm:
+    """Fits the phase HMM to pairs of motion and signal, ready to run.
+
+    Args:
+        pairs: Of the layout, at its rate; see `library_pairs` and `pair_of_recording`.
+        layout: One to three IMUs.
+        settings: The tuned ones unless given; `PAPER_SETTINGS` for the paper's model.
+        seed: Of what is drawn in fitting.
+        progress: Told what is being done, and how many of how many are.
+
+    Raises:
+        MethodError: for no pairs, or pairs that do not fit the layout.
+    """
+    how = settings or PhaseHmmSettings()
+    check_imus(layout)
+    model = fit_model(pairs, layout, how, seed, progress)
+    return PhaseHmm(layout, model, how, seed, pairs_digest(pairs))

@@ -1,0 +1,91 @@
+"""What can be chosen of the phase HMM."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from poseloom.methods.imus.phases import PhaseSettings
+
+
+@dataclass(frozen=True)
+class PhaseHmmSettings:
+    """Settings of fitting and running; the defaults are those that the validation sequences chose.
+
+    Attributes:
+        window: Samples of the signal, the newest last, of which the emission looks at; the paper's 1.
+        columns: Principal components of that window that are compared; 0 compares its channels themselves.
+        window_emission: Whether a state's precision is the nearest other takes' (True) or the spread of the registered
+            segments about their mean, channel by channel (False, nearer to the paper's).
+        tempering: Factor of the emission's precision: windows overlap, so their evidence must not be counted anew.
+        steps: Probabilities within a segment: stay, next frame, the one after it.
+        upper_next: Of what leaves a segment, the share that enters the next phases; the rest exits to all others.
+        continuity: Share of what leaves a segment that enters the segment that followed it in the recording.
+        restart: Probability that a state is entered from nowhere.
+        restart_states: States looked at for that at each step at most.
+        beam: States whose log probability is so far below the best are dropped.
+        neighbours: K, segments that are interpolated.
+        one_phase: Whether they must all be of the most probable phase.
+        sharpness: Power of the segments' probabilities that makes their weights.
+        weight_smoothing: Share of the last step's weights that is kept.
+        shrinkage: Of the Gaussian map, see `fit_gaussian_map`.
+        correction: Share of the Gaussian map's correction by the live signal that is applied.
+        blend: Share of the way from the last pose, moved on by its velocity, to the new one.
+        turn_limit: Most radians a frame by which a joint is turned beyond its velocity.
+        body_scale: Metres of difference of a bone's length that count as one standard deviation between the wearer
+            and the people recorded; infinite ignores the wearer's build.
+        body_limit: Most standard deviations that the difference in build can count.
+        mounting: Standard deviation of the sensors' mounting error, radians: what is aligned online. 0: no alignment.
+        mounting_gain: How far one sample's evidence of the mounting counts: samples are not independent.
+        turn_seconds: Time constant with which the gyroscope's turning corrects the examples' turning.
+        contact_lock: Probability of contact from which on a foot is held where it stands.
+        lock_limit: Metres by which a held foot may be pulled away from where the pose puts it.
+        lost_after: Seconds of silence after which the pose means little.
+        phases: How phases are told.
+    """
+
+    window: int = 20
+    columns: int = 40
+    window_emission: bool = True
+    tempering: float = 0.25
+    steps: tuple[float, float, float] = (0.2, 0.6, 0.2)
+    upper_next: float = 0.5
+    continuity: float = 0.5
+    restart: float = 0.05
+    restart_states: int = 12_000
+    beam: float = 12.0
+    neighbours: int = 5
+    one_phase: bool = False
+    sharpness: float = 1.0
+    weight_smoothing: float = 0.0
+    shrinkage: float = 0.5
+    correction: float = 0.5
+    blend: float = 0.5
+    turn_limit: float = 0.1
+    body_scale: float = 0.01
+    body_limit: float = 6.0
+    mounting: float = np.deg2rad(5.0)
+    mounting_gain: float = 0.15
+    turn_seconds: float = 0.6
+    contact_lock: float = 0.5
+    lock_limit: float = 0.04
+    lost_after: float = 2.0
+    phases: PhaseSettings = field(default_factory=PhaseSettings)
+
+
+PAPER_SETTINGS = PhaseHmmSettings(
+    window=1,
+    columns=0,
+    window_emission=False,
+    tempering=1.0,
+    steps=(1 / 3, 1 / 3, 1 / 3),
+    continuity=0.0,
+    restart=0.001,
+    one_phase=True,
+    weight_smoothing=0.7,
+    shrinkage=0.3,
+    correction=1.0,
+    body_scale=np.inf,
+    mounting=0.0,
+)
+"""The paper's model as far as it can be run: one sample an emission, its transition probabilities, segments of the most
+probable phase. A small probability of entering any state is kept, without which a lost beam could not recover."""
