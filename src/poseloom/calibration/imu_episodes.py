@@ -11,7 +11,9 @@ Episode = tuple[float, float]
 
 _STILL_SECONDS = 1.0
 _STILL_RAD_S = 0.2
-"""What standing people sway, and gyroscopes are off."""
+"""Who turns more does not stand still."""
+_CALM, _SWAY_RAD_S = 1.5, 0.01
+"""How much more than in the calmest second of all still counts as still: gyroscopes are off, and people sway."""
 _MOVES = 0.4
 """Share of the greatest shaking from which on someone walks."""
 _SHAKEN_SECONDS = 1.5
@@ -49,7 +51,8 @@ def find_standing(recording: Recording, walking: Episode) -> Episode:
         SensorError: if no second is still.
     """
     turning = _root_mean(recording, np.sum(recording.angular_rates**2, axis=2), _STILL_SECONDS)
-    still = np.flatnonzero(turning < _STILL_RAD_S)
+    calmest = float(turning.min())
+    still = np.flatnonzero(turning < min(_STILL_RAD_S, _CALM * calmest + _SWAY_RAD_S))
     half = _STILL_SECONDS / 2
     centres = recording.times[still]
     inside = (centres >= recording.times[0] + half) & (centres <= recording.times[-1] - half)
