@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from poseloom.cli._progress import progress_bars
+from poseloom.cli.flex import add_benchmark_commands
 from poseloom.cli.six_trackers import add_commands
 from poseloom.errors import PoseloomError
 
@@ -21,6 +22,7 @@ def register(app: typer.Typer) -> None:
     benchmarks.callback()(_benchmark)
     benchmarks.command("core")(core)
     add_commands(benchmarks)
+    add_benchmark_commands(benchmarks)
     app.add_typer(benchmarks, name="benchmark")
 
 

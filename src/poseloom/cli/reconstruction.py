@@ -61,7 +61,8 @@ def list_methods() -> None:
 
     table = Table("method", "what it is", "needs")
     for name, entry in METHODS.items():
-        table.add_row(name, entry.summary, "a library" if entry.kind else "a model" if entry.load else "nothing")
+        model = "a model" if entry.load and entry.shipped is None else "nothing"
+        table.add_row(name, entry.summary, "a library" if entry.kind else model)
     Console().print(table)
 
 

@@ -92,7 +92,7 @@ def sweep(
     if json is not None:
         write_results(results, json)
     if markdown is not None:
-        write_figures(markdown, sweep_figures(results, _commit()), "Choosing settings")
+        write_figures(markdown, sweep_figures(results, running_commit()), "Choosing settings")
 
 
 def six_trackers(
@@ -154,7 +154,7 @@ def six_trackers(
     if json is not None:
         write_results(outcome.results, json)
     if markdown is not None:
-        write_figures(markdown, six_trackers_figures(outcome.results, _commit()), "Six trackers")
+        write_figures(markdown, six_trackers_figures(outcome.results, running_commit()), "Six trackers")
     if report is not None:
         from poseloom.report.six_trackers import write_six_trackers_page
 
@@ -196,7 +196,7 @@ def _table(name: str, rows: "list[Row]") -> object:
     return table
 
 
-def _commit() -> str:
+def running_commit() -> str:
     """The commit that the program runs from, if it runs from one."""
     import subprocess
 

@@ -10,6 +10,8 @@ from poseloom.arrays import Array, Bools
 from poseloom.errors import MethodError, unknown_name
 from poseloom.library import MotionLibrary
 from poseloom.methods.contract import Reconstructor
+from poseloom.methods.flex.network_method import SHIPPED_MODEL, load_flex_lstm, load_flex_scales
+from poseloom.methods.imus.model_file import read_phase_hmm
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
 from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
 from poseloom.methods.trackers.local_filter import LocalFilter
@@ -25,11 +27,13 @@ class MethodEntry:
         summary: What it is, in half a line.
         kind: Its class, for methods that ask a library; None for those that need none.
         load: Reads its fitted model from a file, for methods that are fitted first; None for the others.
+        shipped: The model that travels with the package, used where none is named; None where none does.
     """
 
     summary: str
     kind: type[NeighbourMethod] | None = None
     load: Callable[[Path], Reconstructor[Any]] | None = None
+    shipped: Path | None = None
 
 
 METHODS: Mapping[str, MethodEntry] = MappingProxyType(
@@ -41,6 +45,12 @@ METHODS: Mapping[str, MethodEntry] = MappingProxyType(
         "local-pca": MethodEntry("local PCA of the neighbours' poses (Chai and Hodgins 2005)", LocalPca),
         "nearest-example": MethodEntry("the nearest moment's pose, bent to the sensors", NearestExample),
         "inverse-kinematics": MethodEntry("the previous pose, bent to the sensors; no library"),
+        "phase-hmm": MethodEntry("one to three IMUs: a two-level HMM over signal windows", load=read_phase_hmm),
+        "phase-hmm-paper": MethodEntry("the single-IMU paper's model: one sample a state", load=read_phase_hmm),
+        "flex-scales": MethodEntry(
+            "four flex sensors: filters over many time scales and a GRU", load=load_flex_scales, shipped=SHIPPED_MODEL
+        ),
+        "flex-lstm": MethodEntry("four flex sensors: the flex paper's calibrating Bi-LSTM", load=load_flex_lstm),
     }
 )
 """Every method, the recommended one first."""
@@ -73,7 +83,8 @@ def make_method(
         layout: The sensors.
         library: The motion library, for methods that ask one.
         allowed: Mask over the library's poses: False for those that must not be used.
-        model: File of the fitted model, for methods that are fitted first. It says its layout itself.
+        model: File of the fitted model, for methods that are fitted first; the shipped one if left out and there is
+            one. It says its layout itself.
 
     Raises:
         MethodError: for an unknown name, or a library or model that is missing.
@@ -81,6 +92,7 @@ def make_method(
     """
     entry = _entry(name)
     if entry.load is not None:
+        model = entry.shipped if model is None else model
         if model is None:
             raise MethodError(
                 f"the method {name!r} needs a fitted model",

@@ -1,6 +1,6 @@
 """What drawn sensors say of a session, as a network hears it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class DrawSettings:
         drop_out_seconds: Their mean length.
     """
 
-    sensors: FlexSensors = FlexSensors()
+    sensors: FlexSensors = field(default=FlexSensors())
     most_minutes: float = 60.0
     drop_outs: float = 0.0
     drop_out_seconds: float = 5.0
@@ -89,3 +89,32 @@ def draw_inputs(
     if settings.drop_outs > 0:
         counts = silence(counts, session.rate, settings, generator)
     return hear(counts, session.rate, ranges)
+
+
+_FIRST_SECONDS = 60.0
+_LEAST_SPAN = 500.0
+
+
+def draw_inputs_at_first_range(
+    session: Session, seed: int, settings: DrawSettings, minutes: float | None = None
+) -> Floats32[Array, "frames inputs"]:
+    """The same sensors as `draw_inputs` draws, heard by the range that their first minute had when they were new.
+
+    What a min-max normalisation does that is made once: as the sensors creep, the values leave their range.
+
+    Args:
+        session: Who wears them.
+        seed: As in `draw_inputs`.
+        settings: As in `draw_inputs`.
+        minutes: Minutes of use before the session, in place of drawn ones.
+    """
+    generator = np.random.default_rng([*session_seed(session, seed), 1])
+    used = float(generator.uniform(0, settings.most_minutes)) if minutes is None else minutes
+    new = draw_counts(session, seed, settings.sensors, 0.0)[: round(_FIRST_SECONDS * session.rate)]
+    sound = np.where((new > 0) & (new < settings.sensors.board.top), new, np.nan)
+    # Percentiles, for a single short must not become the range's end.
+    low, high = np.nanpercentile(sound, 0.5, axis=0), np.nanpercentile(sound, 99.5, axis=0)
+    counts = draw_counts(session, seed, settings.sensors, used)
+    if settings.drop_outs > 0:
+        counts = silence(counts, session.rate, settings, generator)
+    return hear_at_fixed_range(counts, low, np.maximum(high, low + _LEAST_SPAN))

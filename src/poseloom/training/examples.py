@@ -51,11 +51,11 @@ class Examples(abc.ABC):
         """Batches in an epoch."""
 
     @abc.abstractmethod
-    def batch(self, generator: Generator, index: int, order: Ints[Array, "examples"]) -> Batch:
+    def batch(self, generator: Generator, index: int, order: Ints[Array, " examples"]) -> Batch:
         """Batch number `index` of an epoch whose examples stand in this order."""
 
     @abc.abstractmethod
-    def order(self, generator: Generator) -> Ints[Array, "examples"]:
+    def order(self, generator: Generator) -> Ints[Array, " examples"]:
         """The order of an epoch."""
 
 
@@ -95,7 +95,7 @@ class Windows(Examples):
 
     def __init__(self, heard: Sequence[Heard], window: int, stride: int, size: int) -> None:
         rows: list[Ints[Array, "windows frames"]] = []
-        answers: list[Ints[Array, "windows"]] = []
+        answers: list[Ints[Array, " windows"]] = []
         begin = counted = 0
         for piece in heard:
             ends = np.arange(0, len(piece.angles), stride, dtype=np.int64)
@@ -116,10 +116,10 @@ class Windows(Examples):
     def batches(self) -> int:
         return max(1, len(self) // self._size)
 
-    def order(self, generator: Generator) -> Ints[Array, "examples"]:
+    def order(self, generator: Generator) -> Ints[Array, " examples"]:
         return generator.permutation(len(self))
 
-    def batch(self, generator: Generator, index: int, order: Ints[Array, "examples"]) -> Batch:
+    def batch(self, generator: Generator, index: int, order: Ints[Array, " examples"]) -> Batch:
         chosen = order[index * self._size : (index + 1) * self._size]
         weights = np.ones((len(chosen), 1, 1), dtype=np.float32)
         return Batch(self._inputs[self._rows[chosen]], self._angles[self._answers[chosen]][:, None], weights)
@@ -146,10 +146,10 @@ class Stretches(Examples):
     def batches(self) -> int:
         return max(1, self._frames // (self._length * self._size))
 
-    def order(self, generator: Generator) -> Ints[Array, "examples"]:
+    def order(self, generator: Generator) -> Ints[Array, " examples"]:
         return generator.choice(len(self._heard), size=self.batches * self._size, p=self._shares)
 
-    def batch(self, generator: Generator, index: int, order: Ints[Array, "examples"]) -> Batch:
+    def batch(self, generator: Generator, index: int, order: Ints[Array, " examples"]) -> Batch:
         chosen = order[index * self._size : (index + 1) * self._size]
         features, angles = self._heard[0].inputs.shape[1], self._heard[0].angles.shape[1]
         inputs = np.zeros((len(chosen), self._length, features), dtype=np.float32)

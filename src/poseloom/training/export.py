@@ -124,6 +124,7 @@ def to_step_network(module: WindowStep | ScalesStep) -> StepNetwork:
     with warnings.catch_warnings(), torch.inference_mode(mode=False), torch.no_grad():
         # torch's newer exporter needs a further package; the older one warns that it is the older one.
         warnings.simplefilter("ignore")
+        torch.backends.mha.set_fastpath_enabled(False)  # that fused layer has no counterpart in ONNX
         torch.onnx.export(
             module,
             (torch.zeros(1, INPUTS), torch.zeros(1), *memory),

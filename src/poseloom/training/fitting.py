@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,8 @@ from poseloom.training.sessions import Session, mirrored
 from poseloom.training.splits import Divided, Part, Piece
 
 Inputs = Floats32[Array, "frames inputs"]
+TrainingSets = Sequence[tuple[Sequence[Session], Sequence[Inputs]]]
+"""For each set of sensors, who wears it and what is heard of them."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,8 @@ class FitSettings:
         stride: Frames from one window to the next, over all draws together.
         size: Windows, or stretches, a batch.
         stretch: Frames of a stretch.
+        part: Half of the draws hear takes cut into parts of so many frames, each from an empty memory, so that a
+            network with a long memory learns to do without; 0 for none.
         speed: Weight of the errors of differences from frame to frame.
     """
 
@@ -52,6 +57,7 @@ class FitSettings:
     stride: int = 2
     size: int = 64
     stretch: int = 128
+    part: int = 0
     speed: float = 0.0
 
 
@@ -92,7 +98,7 @@ def scales_settings(epochs: int = 30, hidden: int = 192) -> FitSettings:
         ),
         draw=DrawSettings(drop_outs=0.3),
         size=32,
-        speed=1.0,
+        part=200,
     )  # fmt: skip
 
 
@@ -122,15 +128,28 @@ def draw_sets(
     return tuple(sets)
 
 
-def make_examples(
-    sets: Sequence[tuple[Sequence[Session], Sequence[Inputs]]], pieces: Sequence[Piece], settings: FitSettings
-) -> Examples:
+def make_examples(sets: TrainingSets, pieces: Sequence[Piece], settings: FitSettings) -> Examples:
     """Training examples of the pieces, as heard by all sets of sensors."""
     make = features_of(settings)
-    heard = [each for sessions, inputs in sets for each in heard_pieces(sessions, pieces, inputs, make)]
+    parted = [pieces, parts_of(pieces, settings.part)] if settings.part else [pieces]
+    heard = [
+        each
+        for number, (sessions, inputs) in enumerate(sets)
+        for each in heard_pieces(sessions, parted[number // 2 % len(parted)], inputs, make)
+    ]
     if settings.network.kind is Kind.GRU:
         return Stretches(heard, settings.stretch, settings.size, 1 / len(sets))
     return Windows(heard, _window(settings.network), settings.stride * len(sets), settings.size)
+
+
+def parts_of(pieces: Sequence[Piece], frames: int) -> tuple[Piece, ...]:
+    """Pieces cut into parts of about so many frames; nothing before a part is heard."""
+    parts: list[Piece] = []
+    for piece in pieces:
+        count = max(1, round(len(piece) / frames))
+        cuts = np.linspace(piece.start, piece.stop, count + 1).astype(int).tolist()
+        parts += [replace(piece, heard=first, start=first, stop=stop) for first, stop in pairwise(cuts)]
+    return tuple(parts)
 
 
 def features_of(settings: FitSettings) -> Callable[[Inputs], Floats32[Array, "frames features"]]:
@@ -148,7 +167,7 @@ def fit(
     sensor_seed: int = 0,
     checkpoint: Path | None = None,
     progress: Progress | None = None,
-    sets: Sequence[tuple[Sequence[Session], Sequence[Inputs]]] | None = None,
+    sets: TrainingSets | None = None,
 ) -> Fitted:
     """Fits a network to the training part, and stops by the validation part.
 
@@ -211,9 +230,7 @@ def _window(settings: NetworkSettings) -> int:
     return settings.window if settings.kind is Kind.BILSTM_C else min(settings.window, 5)
 
 
-def _first(
-    sets: Sequence[tuple[Sequence[Session], Sequence[Inputs]]], pieces: Sequence[Piece]
-) -> tuple[Sequence[Session], Sequence[Piece], Sequence[Inputs]]:
+def _first(sets: TrainingSets, pieces: Sequence[Piece]) -> tuple[Sequence[Session], Sequence[Piece], Sequence[Inputs]]:
     return sets[0][0], pieces, sets[0][1]
 
 
@@ -260,6 +277,6 @@ def quick(settings: FitSettings, epochs: int, stride: int) -> FitSettings:
 
 
 __all__ = [
-    "FitSettings", "Fitted", "Part", "draw_sets", "fit", "held_out_takes", "make_network", "median", "paper_settings",
-    "quick", "scales_settings", "smoothed", "tell_series",
+    "FitSettings", "Fitted", "Part", "TrainingSets", "draw_sets", "fit", "held_out_takes", "make_network", "median",
+    "paper_settings",    "quick", "scales_settings", "smoothed", "tell_series",
 ]  # fmt: skip

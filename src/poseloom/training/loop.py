@@ -1,4 +1,4 @@
-"""The training loop: epochs, early stopping, and checkpoints from which a killed run goes on as if nothing had happened.
+"""The training loop: epochs, early stopping, and checkpoints from which a killed run goes on.
 
 What is drawn in an epoch depends on the seed and the epoch's number alone, so a resumed run repeats an unbroken one.
 """

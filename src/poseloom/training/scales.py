@@ -8,6 +8,7 @@ computes it once; live it is a memory of some dozen numbers a channel.
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -61,7 +62,7 @@ def bank_series(inputs: Floats32[Array, "frames inputs"], settings: BankSettings
     mixed = np.stack([moved[:, i] * posture[:, j] for i, j in _MIXED], axis=1)
     parts = [
         *(values, inputs[:, CHANNELS:], values - means[0]),
-        *(swift - slow for swift, slow in zip(means[:-1], means[1:], strict=True)),
+        *(swift - slow for swift, slow in pairwise(means)),
         *(means[-1], *lively, _mean(pairs, settings.together), _mean(mixed, settings.together)),
     ]
     return np.concatenate(parts, axis=1).astype(np.float32)

@@ -3,6 +3,7 @@
 import enum
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from poseloom.errors import PoseloomError
 from poseloom.training.sessions import Session, Take
@@ -116,7 +117,7 @@ def check_disjoint(divided: Divided) -> None:
             copies.setdefault(piece.take.take, set()).add(key)
     for (_, name), spans in claims.items():
         ordered = sorted(spans)
-        for (_, stop, first), (heard, _, second) in zip(ordered, ordered[1:], strict=False):
+        for (_, stop, first), (heard, _, second) in pairwise(ordered):
             if heard < stop and first is not second:
                 raise PoseloomError(f"frames of the take {name!r} stand on both sides of the split")
     for take, clips in copies.items():

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -125,11 +125,6 @@ def load_flex_model(path: Path, method: str) -> FlexNetwork:
         FormatError: if the file holds no such model.
     """
     return FlexNetwork(read_flex_model(path, method))
-
-
-@cache
-def _shipped() -> FlexModel:
-    return read_flex_model(SHIPPED_MODEL)
 
 
 SHIPPED_MODEL = Path(__file__).with_name("flex-scales.npz")

@@ -1,0 +1,1 @@
+"""The flex paper's tables, measured on simulated sensors over real motions."""
