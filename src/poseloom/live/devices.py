@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,6 +25,7 @@ _KINDS: Mapping[str, DeviceKind] = {
 }
 
 
+@runtime_checkable
 class Speaker(Protocol):
     """Says samples in one protocol."""
 

@@ -77,7 +77,7 @@ def _decode(data: bytes, messages: list[OscMessage], depth: int) -> None:
     if len(data) < at:
         raise MalformedPacket("a bundle without its time")
     while at < len(data):
-        size = _number(data, at, ">i", 4)
+        size = int(_number(data, at, ">i", 4))
         at += 4
         if size < 4 or size % 4 or at + size > len(data):
             raise MalformedPacket("a bundle's element of an impossible size")
@@ -110,7 +110,7 @@ def _decode_value(data: bytes, at: int, tag: str) -> tuple[OscValue, int]:
     if tag in "sS":
         return _text(data, at)
     if tag == "b":
-        size = _number(data, at, ">i", 4)
+        size = int(_number(data, at, ">i", 4))
         end = at + 4 + size
         if size < 0 or end > len(data):
             raise MalformedPacket("a blob longer than its packet")
@@ -125,7 +125,7 @@ _NUMBERS = {
 _WORDS: dict[str, OscValue] = {"T": True, "F": False, "N": None, "I": float("inf")}
 
 
-def _number(data: bytes, at: int, form: str, size: int) -> int:
+def _number(data: bytes, at: int, form: str, size: int) -> int | float:
     if at + size > len(data):
         raise MalformedPacket("it ends within a number")
     return struct.unpack_from(form, data, at)[0]

@@ -286,12 +286,12 @@ class Session:
         self._newest = sample
         if self._recorder is not None:
             self._recorder.sample(number, sample)
+        self._worker.hear(number, sample)
         before = self._watching
         self._watching = self._watch.step(before, sample)
         self._tell_findings(before, sample.time)
         if self._calibration is not None:
             self._calibration.hear(sample)
-        self._worker.hear(number, sample)
 
     def _judge(self, now: float) -> None:
         before = self._watching

@@ -7,6 +7,7 @@ from poseloom.sensors import SensorLayout
 
 
 @runtime_checkable
+@runtime_checkable
 class Listener(Protocol):
     """Hears what a source has to say. All calls come from the session's event loop."""
 
@@ -33,6 +34,7 @@ class Listener(Protocol):
         ...
 
 
+@runtime_checkable
 @runtime_checkable
 class Source(Protocol):
     """Where samples come from.

@@ -94,7 +94,10 @@ class Watch:
         slow = time - state.judged >= self.settings.judge_every
         found = dict(self._silent(state, time))
         if slow:
-            found |= dict(self._others(state))
+            others = dict(self._others(state))
+            # In another unit any movement looks like noise.
+            scaled = {name for name, trouble in others if trouble is Trouble.MIS_SCALED}
+            found |= {k: text for k, text in others.items() if k[1] is not Trouble.NOISY or k[0] not in scaled}
         else:
             found |= {key: each.text for key, each in state.findings.items() if key[1] is not Trouble.SILENT}
         findings = {

@@ -19,6 +19,10 @@ _RAILS = (0.0, 1023.0, 4095.0, 65535.0)
 """Ends of the ranges of converters with 10, 12 and 16 bits."""
 
 
+_NOISE_OVER = 0.9
+"""Seconds over which noise is judged at least; what is wrong with a unit shows by then, too."""
+
+
 @dataclass(frozen=True)
 class WatchSettings:
     """What counts as trouble. Not tuned on any recording that a table reports: bounds of what bodies do.
@@ -63,7 +67,7 @@ class WatchSettings:
     most_rate: float = 20.0
     memory: float = 5.0
     sparse_step: float = 0.1
-    judge_every: float = 0.1
+    judge_every: float = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +141,7 @@ def noisy_trackers(recent: Moments, layout: SensorLayout, settings: WatchSetting
     them at 60 Hz. Medians, so that a single jump does not count.
     """
     trackers = list(layout.of_kind(SensorKind.TRACKER))
-    if len(recent) < 16 or not trackers:
+    if len(recent) < 16 or not trackers or recent.times[-1] - recent.times[0] < _NOISE_OVER:
         return
     places = np.abs(np.diff(recent.positions[:, trackers], n=3, axis=0))
     quats = recent.quats_wxyz[:, trackers]
