@@ -74,8 +74,8 @@ class FlexRange:
     most: float = 4095.0
     leap: float = 0.05
     acceleration: float = 100.0
-    stride: float = 0.04
-    jerk: float = 800.0
+    stride: float = 0.06
+    jerk: float = 1200.0
     beyond: float = 0.3
     odd_seconds: float = 0.06
     new_seconds: float = 0.3

@@ -52,6 +52,9 @@ class FlexBoard:
 class FlexSensors:
     """A batch of flex sensors, worn on joints: each sensor's figures are drawn from these.
 
+    The defaults come from real sensors as far as these tell them (`flex_sensors.json` beside this module, which
+    `poseloom fit flex-sensor` writes); the others are assumed, as it says there.
+
     Resistances are in units of the sensor's flat, new resistance. A bend x, as a share of `FULL_BEND`, gives the
     resistance `flat(m) + range left(m) (exp(c y) - 1) / (exp(c) - 1)` after m minutes of use, with y the bend after
     slip, hysteresis and lag.
@@ -75,26 +78,30 @@ class FlexSensors:
         opens: Open contacts a minute: the reading runs to the upper end.
         open_seconds: Mean length of those (exponential).
         spikes: Shorts of a single sample a minute: the reading falls to zero.
+        loose: Probability that a sensor has a loose contact ...
+        loose_opens: ... and how many open contacts a minute it then has.
         lost_lines: Probability that the board's line, all sensors of it, is lost.
         board: The electronics.
     """
 
-    range: Spread = Spread(0.8, 0.2)
-    curvature: Spread = Spread(1.2, 0.3)
-    hysteresis: Spread = Spread(0.07, 0.4)
-    lag_share: Spread = Spread(0.08, 0.4)
-    lag_seconds: Spread = Spread(1.5, 0.4)
+    range: Spread = Spread(0.8, 0.213)
+    curvature: Spread = Spread(2.89, 0.705)
+    hysteresis: Spread = Spread(0.0101, 1.2)
+    lag_share: Spread = Spread(0.0341, 1.47)
+    lag_seconds: Spread = Spread(3.54, 0.519)
     divider: Spread = Spread(0.85, 0.04)
-    slip: Spread = Spread(0.04, 0.5)
-    slip_seconds: Spread = Spread(30.0, 0.5)
-    creep: Spread = Spread(0.04, 0.4)
+    slip: Spread = Spread(0.0365, 0.871)
+    slip_seconds: Spread = Spread(6.19, 0.5)
+    creep: Spread = Spread(0.0369, 0.4)
     creep_minutes: Spread = Spread(5.0, 0.2)
     shrink: Spread = Spread(0.15, 0.4)
     shrink_minutes: Spread = Spread(40.0, 0.2)
     noise: Spread = Spread(2.0, 0.3)
-    opens: Spread = Spread(0.05, 1.0)
-    open_seconds: Spread = Spread(0.3, 0.0)
-    spikes: Spread = Spread(0.1, 1.0)
+    opens: Spread = Spread(0.01, 1.0)
+    open_seconds: Spread = Spread(0.17, 0.0)
+    spikes: Spread = Spread(0.01, 1.0)
+    loose: float = 0.0
+    loose_opens: Spread = Spread(29.4, 0.5)
     lost_lines: float = 0.001
     board: FlexBoard = FlexBoard()
 
@@ -140,8 +147,8 @@ IDEAL_FLEX = FlexSensors(
 _FIGURES = tuple(FlexSensors().spreads)
 """Names of the drawn figures; `flex_kernels` reads the columns in this order."""
 
-_LARGEST = {"lag_share": 0.9, "shrink": 0.9, "slip": 0.3, "hysteresis": 0.2}
-"""Draws above these are cut: beyond them the curve would turn over."""
+_LARGEST = {"curvature": 6.0, "hysteresis": 0.2, "lag_share": 0.6, "slip": 0.3, "shrink": 0.9}
+"""Draws above these are cut: no sensor was found beyond them, and far beyond the curve would turn over."""
 
 
 def check_sensors(sensors: FlexSensors) -> None:
@@ -156,8 +163,11 @@ def check_sensors(sensors: FlexSensors) -> None:
                 f"the flex sensors' {name} is {median} with a spread of {log_sd}",
                 remedy=f"Give finite numbers{', positive' if positive else ' that are not negative'}",
             )
-    if not 0 <= sensors.lost_lines <= 1:
-        raise SensorError(f"the share of lost lines is {sensors.lost_lines}", remedy="Give a number from 0 to 1")
+    for name in ("loose", "lost_lines"):
+        if not 0 <= getattr(sensors, name) <= 1:
+            raise SensorError(
+                f"the flex sensors' {name} is {getattr(sensors, name)}", remedy="Give a number from 0 to 1"
+            )
     board = sensors.board
     if not (math.isfinite(board.gain) and board.gain > 0 and board.low_pass_hz > 0 and 1 <= board.bits <= 24):
         raise SensorError(
@@ -177,7 +187,10 @@ def draw_channels(sensors: FlexSensors, count: int, generator: Generator) -> Fle
     figures = np.array([spread.median for spread in spreads.values()]) * np.exp(
         np.array([spread.log_sd for spread in spreads.values()]) * generator.normal(size=(count, len(spreads)))
     )
-    for column, name in enumerate(spreads):
+    names = list(spreads)
+    loose = generator.random(count) < sensors.loose
+    figures[loose, names.index("opens")] = figures[loose, names.index("loose_opens")]
+    for column, name in enumerate(names):
         if name in _LARGEST:
             figures[:, column] = np.minimum(figures[:, column], _LARGEST[name])
     return FlexChannels(figures, sensors.lost_lines, sensors.board)
