@@ -62,7 +62,7 @@ class Examples(abc.ABC):
 def heard_pieces(
     sessions: Sequence[Session],
     pieces: Sequence[Piece],
-    inputs: Sequence[Floats32[Array, "frames inputs"]],
+    inputs: Sequence[Floats32[Array, "_ inputs"]],
     make: Callable[[Floats32[Array, "frames inputs"]], Floats32[Array, "frames features"]] = lambda heard: heard,
 ) -> tuple[Heard, ...]:
     """What each piece sounds like.

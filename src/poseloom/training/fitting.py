@@ -28,7 +28,7 @@ from poseloom.training.scales import BankSettings, Scales, bank_series
 from poseloom.training.sessions import Session, mirrored
 from poseloom.training.splits import Divided, Part, Piece
 
-Inputs = Floats32[Array, "frames inputs"]
+Inputs = Floats32[Array, "_ inputs"]
 TrainingSets = Sequence[tuple[Sequence[Session], Sequence[Inputs]]]
 """For each set of sensors, who wears it and what is heard of them."""
 

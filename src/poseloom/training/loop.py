@@ -208,8 +208,8 @@ def _save(
         "network": network.state_dict(),
         "optimiser": optimiser.state_dict(),
     }
-    with atomic_file(path) as part:
-        torch.save(content, part)  # pyright: ignore[reportUnknownMemberType]
+    with atomic_file(path) as part, part.open("wb") as stream:
+        torch.save(content, stream)  # pyright: ignore[reportUnknownMemberType]
 
 
 def _resume(

@@ -85,7 +85,7 @@ def choose(
     heard: Sequence[Heard],
     sessions: Sequence[Session],
     validation: Sequence[Piece],
-    inputs: Sequence[Floats32[Array, "frames inputs"]],
+    inputs: Sequence[Floats32[Array, "_ inputs"]],
 ) -> Chosen:
     """A comparator by name, with the best of nine settings on the validation part.
 

@@ -37,7 +37,7 @@ DRAW = DrawSettings(drop_outs=0.2)
 PLAIN = DrawSettings(most_minutes=DRAW.most_minutes)
 """How sensors are drawn to measure on: without further silences."""
 
-Inputs = Floats32[Array, "frames inputs"]
+Inputs = Floats32[Array, "_ inputs"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,7 +66,7 @@ def jitter_of(angles: Floats[Array, "frames angles"], rate: float) -> float:
 def score_pieces(
     sessions: Sequence[Session],
     pieces: Sequence[Piece],
-    inputs: Sequence[Floats32[Array, "frames inputs"]],
+    inputs: Sequence[Floats32[Array, "_ inputs"]],
     tell: Teller,
 ) -> tuple[PieceScore, ...]:
     """Scores a contestant on pieces; each is begun anew."""

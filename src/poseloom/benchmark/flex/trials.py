@@ -149,7 +149,7 @@ def centred_median(told: Floats[Array, "frames angles"]) -> Floats[Array, "frame
 
 
 def score(
-    material: Material, split: str, tell: Teller, inputs: Sequence[Floats32[Array, "frames inputs"]]
+    material: Material, split: str, tell: Teller, inputs: Sequence[Floats32[Array, "_ inputs"]]
 ) -> tuple[PieceScore, ...]:
     """Scores on the test part of a split."""
     return score_pieces(material.sessions, material.divided(split).test, inputs, tell)
