@@ -90,7 +90,7 @@ def way_m(motion: Motion) -> float:
 
 
 def largest_jump_cm(truth: Motion, estimate: Motion, start: int, stop: int) -> float:
-    """Largest movement of a joint from frame to frame in a stretch, seen from the hips, that the truth does not make, cm."""
+    """Largest movement of a joint from frame to frame, seen from the hips, that the truth does not make, cm."""
     moved = np.diff(placed_joints(estimate)[start:stop], axis=0) - np.diff(placed_joints(truth)[start:stop], axis=0)
     return 100 * float(np.linalg.norm(moved, axis=-1).max())
 

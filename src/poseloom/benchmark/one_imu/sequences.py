@@ -124,8 +124,8 @@ class Pool:
         return tuple(asked[part::FOLDS] for part in range(FOLDS))
 
     def fold_of(self, take: Take) -> tuple[Take, ...]:
-        """The sequences that are left out together with this one; of the validation sequences, all."""
-        for part in (*self.folds, self.validation):
+        """The sequences that are left out together with this one; of the validation sequences, every other."""
+        for part in (*self.folds, self.validation[::2], self.validation[1::2]):
             if take.take in {each.take for each in part}:
                 return part
         return (take,)

@@ -107,7 +107,7 @@ class SignalComparator(Reconstructor[DriveState], abc.ABC, Generic[Settings]):
         """The state before the first sample; where the sensors sit is known from the examples, not from placements."""
         window = np.full((self.settings.samples, self.examples.signals.shape[1]), np.nan)
         joints = len(skeleton)
-        return DriveState(skeleton, window, -1, np.zeros(2), 0.0, np.zeros((joints, 3)), 0.0, self._begin())
+        return DriveState(skeleton, window, -1, np.zeros(2), 0.0, np.zeros((joints, 3)), 0.0, self._begin(skeleton))
 
     def step(self, state: DriveState, sample: Sample) -> tuple[DriveState, Frame | None]:
         """Takes in one sample; None before any sensor has spoken."""
@@ -122,8 +122,8 @@ class SignalComparator(Reconstructor[DriveState], abc.ABC, Generic[Settings]):
         return following, self._frame(following, guess, sample, came)
 
     @abc.abstractmethod
-    def _begin(self) -> Any:
-        """What it keeps before the first sample."""
+    def _begin(self, skeleton: Skeleton) -> Any:
+        """What it keeps before the first sample of this wearer."""
 
     @abc.abstractmethod
     def _estimate(self, memory: Any, window: Floats[Array, "samples channels"]) -> tuple[Any, Guess]:
@@ -186,7 +186,10 @@ def save_comparator(method: SignalComparator[Any], path: str | Path) -> None:
         "behaviours": list(examples.behaviours),
         "settings": asdict(method.settings),
     }
-    arrays = {name: getattr(examples, name) for name in ("signals", "features", "steps", "starts", "centre", "scale")}
+    arrays = {
+        name: getattr(examples, name)
+        for name in ("signals", "features", "steps", "standing", "starts", "builds", "centre", "scale")
+    }
     write_artefact(path, method.kind, FORMAT_VERSION, header, arrays, data_digest=examples.digest)
 
 

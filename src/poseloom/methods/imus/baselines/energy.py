@@ -5,10 +5,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats, Ints
+from poseloom.arrays import Array, Floats, Floats32, Ints
 from poseloom.methods.imus.baselines.driving import Guess, SignalComparator, WindowSettings, mean_guess
 from poseloom.methods.imus.baselines.examples import Examples
 from poseloom.methods.imus.baselines.windows import Found, index_windows
+from poseloom.skeleton.skeleton import Skeleton
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class EnergySettings(WindowSettings):
         components: Dimensions of the local model.
         control: Weight of what the sensors say now.
         smoothness: Weight of going on as the neighbours do.
+        build: Weight of a differing build (see `NearestWindowSettings`).
         floor: Standard deviation of a feature (about a radian) that the prior allows beyond the local model's.
     """
 
@@ -28,12 +30,14 @@ class EnergySettings(WindowSettings):
     components: int = 8
     control: float = 0.3
     smoothness: float = 1.0
+    build: float = 0.0
     floor: float = 0.02
 
 
 class _Memory(NamedTuple):
-    """The neighbours and the pose of the moment before."""
+    """How strange the wearer is to the examples; the neighbours and the pose of the moment before."""
 
+    strangeness: Floats32[Array, "frames"]
     found: Found
     features: Floats[Array, "features"] | None
 
@@ -46,8 +50,8 @@ class SparseAccelerometers(SignalComparator[EnergySettings]):
     prior (distance from the neighbours in their own spread), a control term (the sensors' readings against those that
     the pose would give) and smoothness. Simplified: neighbours by exact search instead of a tree and a graph over
     time; readings as a linear function of the pose, fitted over the neighbours, instead of second differences of
-    places; the energy is quadratic then, and its least is found in one solve. More than there: gyroscopes are heard too,
-    for every comparator has the same sensors. Through a silence the neighbours' clips play on.
+    places; the energy is quadratic then, and its least is found in one solve. More than there: gyroscopes are heard
+    too, for every comparator has the same sensors. Through a silence the neighbours' clips play on.
 
     Args:
         examples: What it learns from.
@@ -60,19 +64,20 @@ class SparseAccelerometers(SignalComparator[EnergySettings]):
         super().__init__(examples, settings or EnergySettings())
         self._index = index_windows(examples, self.settings.samples)
 
-    def _begin(self) -> _Memory:
-        return _Memory(Found(np.empty(0, dtype=np.int64), np.empty(0)), None)
+    def _begin(self, skeleton: Skeleton) -> _Memory:
+        strangeness = self.examples.strangeness(skeleton, self.settings.build)
+        return _Memory(strangeness, Found(np.empty(0, dtype=np.int64), np.empty(0)), None)
 
     def _estimate(self, memory: _Memory, window: Floats[Array, "samples channels"]) -> tuple[_Memory, Guess]:
         heard = np.isfinite(window[0])
         if heard.any():
-            found = self._index.nearest(window, self.settings.neighbours)
+            found = self._index.nearest(window, self.settings.neighbours, memory.strangeness)
         else:
             found = Found(self.examples.followers(memory.found.rows), memory.found.squares)
         weights = _weights(found)
         guess = mean_guess(self.examples, found.rows, weights)
         features = self._least_energy(found.rows, weights, guess, memory.features, window[0])
-        return _Memory(found, features), Guess(features, guess.step, guess.variances)
+        return _Memory(memory.strangeness, found, features), Guess(features, guess.step, guess.variances)
 
     def _least_energy(
         self,

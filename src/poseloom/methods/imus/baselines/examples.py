@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats, Floats32, Ints
+from poseloom.arrays import Array, Bools, Floats, Floats32, Ints
 from poseloom.errors import MethodError
 from poseloom.methods.imus.pairs import CHANNELS, SignalPair, pairs_digest
 from poseloom.rotations import (
@@ -18,6 +18,7 @@ from poseloom.rotations import (
 )
 from poseloom.sensors import SensorLayout
 from poseloom.skeleton.body import BODY_BONES
+from poseloom.skeleton.contacts import contacts
 from poseloom.skeleton.motion import Motion
 from poseloom.skeleton.skeleton import Skeleton
 
@@ -54,8 +55,10 @@ class Examples:
         signals: Channels of the IMUs, standardised by `centre` and `scale`.
         features: Pose of each frame (see `FEATURES`).
         steps: What led to each frame from the one before (see `STEP`); of a clip's first frame, what leads on.
+        standing: Whether the left and the right foot stand.
         starts: First frame of each clip.
         behaviours: What happens in each clip.
+        builds: Lengths of the bones of who moves in each clip, metres.
         centre: Mean of each channel.
         scale: Standard deviation of each channel; the three axes of a quantity share one, so that directions stay.
         digest: Of the pairs.
@@ -65,8 +68,10 @@ class Examples:
     signals: Floats32[Array, "frames channels"]
     features: Floats32[Array, "frames features"]
     steps: Floats32[Array, "frames 3"]
+    standing: Bools[Array, "frames 2"]
     starts: Ints[Array, "clips"]
     behaviours: tuple[str, ...]
+    builds: Floats[Array, "clips bones"]
     centre: Floats[Array, "channels"]
     scale: Floats[Array, "channels"]
     digest: str
@@ -87,6 +92,11 @@ class Examples:
     def standardised(self, signal: Floats[Array, "channels"]) -> Floats[Array, "channels"]:
         """A signal as the examples have it; what is NaN stays so."""
         return (signal - self.centre) / self.scale
+
+    def strangeness(self, skeleton: Skeleton, weight: float) -> Floats32[Array, "frames"]:
+        """How far each example's person is built differently, in squared centimetres a bone, times a weight."""
+        apart = 100 * (self.builds - bone_lengths(skeleton))
+        return (weight * np.square(apart).mean(axis=1)).astype(np.float32)[self.clip_of_frame]
 
     def followers(self, rows: Ints[Array, "rows"]) -> Ints[Array, "rows"]:
         """The frames after these; a clip's last frame is followed by itself."""
@@ -115,18 +125,26 @@ def examples_of(pairs: Sequence[SignalPair], layout: SensorLayout) -> Examples:
     spread = np.sqrt(signals.var(axis=0).reshape(-1, 3).mean(axis=1)).repeat(3)
     scale = np.where(spread > 0, spread, 1.0)
     made = [_described(pair.motion) for pair in usable]
+    stands = [contacts(pair.motion) for pair in usable]
     lengths = np.array([len(pair) for pair in usable])
     return Examples(
         layout,
         ((signals - centre) / scale).astype(np.float32),
         np.concatenate([features for features, _ in made]),
         np.concatenate([steps for _, steps in made]),
+        np.concatenate([np.stack([each.left, each.right], axis=1) for each in stands]),
         np.cumsum(lengths) - lengths,
         tuple(str(pair.behaviour) for pair in usable),
+        np.stack([bone_lengths(pair.motion.skeleton) for pair in usable]),
         centre,
         scale,
         pairs_digest(usable),
     )
+
+
+def bone_lengths(skeleton: Skeleton) -> Floats[Array, "bones"]:
+    """Lengths of all bones that hang on another, metres."""
+    return np.linalg.norm(skeleton.offsets[1:], axis=1)
 
 
 def leg_length(skeleton: Skeleton) -> float:

@@ -1,15 +1,16 @@
 """Kovar et al. 2002: clips of the library played back, with blended transitions where they look alike."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from importlib import import_module
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
-from scipy.spatial import cKDTree  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from poseloom.arrays import Array, Floats, Floats32, Ints
 from poseloom.methods.imus.baselines.driving import Guess, SignalComparator, WindowSettings
 from poseloom.methods.imus.baselines.examples import Examples
 from poseloom.methods.imus.baselines.windows import index_windows
+from poseloom.skeleton.skeleton import Skeleton
 
 _APART = 0.25
 """Seconds that two frames of one clip must be apart to be joined by a transition."""
@@ -25,6 +26,7 @@ class GraphSettings(WindowSettings):
         blend: Seconds over which a transition is blended.
         gain: A transition is taken where the branch fits the signals so much better: the ratio of mean squared
             differences.
+        build: Weight of a differing build (see `NearestWindowSettings`).
         lost: Mean squared difference, in squared standard deviations, from which on the best frame of all may be
             entered, transition or not.
     """
@@ -32,6 +34,7 @@ class GraphSettings(WindowSettings):
     branches: int = 24
     blend: float = 1 / 3
     gain: float = 0.7
+    build: float = 0.0
     lost: float = 1.0
 
 
@@ -39,14 +42,23 @@ class _Memory(NamedTuple):
     """Where the walk is.
 
     Attributes:
+        strangeness: How strange the wearer is to each example.
         row: The frame that is played; -1 before the first.
         fading: The frame of the clip that is being left, or -1.
         left: Frames of blending that are left.
     """
 
+    strangeness: Floats32[Array, "frames"]
     row: int
     fading: int
     left: int
+
+
+class _Entry(NamedTuple):
+    """A frame and how far its signals are from those heard."""
+
+    row: int
+    square: float
 
 
 class MotionGraph(SignalComparator[GraphSettings]):
@@ -73,12 +85,12 @@ class MotionGraph(SignalComparator[GraphSettings]):
         self._branches = _transitions(examples, self.settings.branches)
         self._blend = max(round(self.settings.blend * examples.layout.rate), 1)
 
-    def _begin(self) -> _Memory:
-        return _Memory(-1, -1, 0)
+    def _begin(self, skeleton: Skeleton) -> _Memory:
+        return _Memory(self.examples.strangeness(skeleton, self.settings.build), -1, -1, 0)
 
     def _estimate(self, memory: _Memory, window: Floats[Array, "samples channels"]) -> tuple[_Memory, Guess]:
         if memory.row < 0:
-            following = _Memory(int(self._index.nearest(window, 1).rows[0]), -1, 0)
+            following = memory._replace(row=self._entered(memory, window).row)
         else:
             following = self._onward(memory, window)
         return following, self._played(following)
@@ -87,22 +99,28 @@ class MotionGraph(SignalComparator[GraphSettings]):
         """Plays on by a frame, and takes a transition where one fits better."""
         both = self.examples.followers(np.array([memory.row, max(memory.fading, 0)]))
         ended = int(both[0]) == memory.row
-        moved = _Memory(int(both[0]), int(both[1]) if memory.left > 1 else -1, max(memory.left - 1, 0))
+        fading = int(both[1]) if memory.left > 1 else -1
+        moved = _Memory(memory.strangeness, int(both[0]), fading, max(memory.left - 1, 0))
         if moved.left > 0 or not np.isfinite(window[0]).any():
             return self._branched(moved, int(self._branches[memory.row, 0])) if ended else moved
         choices = np.concatenate([[moved.row], self._branches[moved.row]])
-        squares = self._misfits(choices, window)
+        squares = self._misfits(choices, window) + memory.strangeness[choices]
         best = int(np.argmin(squares[1:])) + 1
         if squares[0] > self.settings.lost:
-            found = self._index.nearest(window, 1)
-            if found.squares[0] < self.settings.gain * min(squares[0], squares[best]):
-                return self._branched(moved, int(found.rows[0]))
+            entered = self._entered(memory, window)
+            if entered.square < self.settings.gain * min(squares[0], squares[best]):
+                return self._branched(moved, entered.row)
         if ended or squares[best] < self.settings.gain * squares[0]:
             return self._branched(moved, int(choices[best]))
         return moved
 
+    def _entered(self, memory: _Memory, window: Floats[Array, "samples channels"]) -> _Entry:
+        """The frame of all examples that fits the signals best."""
+        found = self._index.nearest(window, 1, memory.strangeness)
+        return _Entry(int(found.rows[0]), float(found.squares[0]))
+
     def _branched(self, memory: _Memory, target: int) -> _Memory:
-        return _Memory(target, memory.row, self._blend)
+        return _Memory(memory.strangeness, target, memory.row, self._blend)
 
     def _misfits(self, rows: Ints[Array, "rows"], window: Floats[Array, "samples channels"]) -> Floats[Array, "rows"]:
         """Mean squared differences of signals; moments and channels that did not come do not count."""
@@ -130,7 +148,7 @@ def _transitions(examples: Examples, count: int) -> Ints[Array, "frames branches
     """For each frame the frames that look most like it, not counting those just before and after it."""
     places = _likeness(examples)
     apart = round(_APART * examples.layout.rate)
-    tree = cKDTree(places)
+    tree = cast(Any, import_module("scipy.spatial")).cKDTree(places)
     asked = min(count + 2 * apart + 1, len(examples))
     rows: Ints[Array, "frames asked"] = np.asarray(tree.query(places, asked)[1], dtype=np.int64).reshape(-1, asked)
     own = np.arange(len(examples))[:, None]

@@ -45,23 +45,27 @@ class WindowIndex:
     places: Floats32[Array, "frames directions"]
     place_squares: Floats32[Array, "frames"]
 
-    def nearest(self, window: Floats[Array, "samples channels"], count: int) -> Found:
+    def nearest(
+        self, window: Floats[Array, "samples channels"], count: int, strangeness: Floats32[Array, "frames"]
+    ) -> Found:
         """The nearest windows; channels and moments that are NaN do not count.
 
         Args:
             window: Standardised signals, newest first.
             count: How many.
+            strangeness: Added to each example's mean squared difference.
         """
         wanted = window.reshape(-1)
         there = np.isfinite(wanted)
         query = wanted[there].astype(np.float32)
         if len(query) == len(wanted):
             squares = self.place_squares - 2 * (self.places @ (query @ self.directions))
-            rows = _least(squares, _CANDIDATES * count)
+            rows = _least(squares + len(query) * strangeness, _CANDIDATES * count)
         else:
-            rows = _least(self._partial(window, there, query), count)
+            rows = _least(self._partial(window, there, query) + len(query) * strangeness, count)
         apart = self.windows[rows][:, there] - query
         exact = np.einsum("ij,ij->i", apart, apart).astype(np.float64) / max(len(query), 1)
+        exact += strangeness[rows]
         order = np.argsort(exact, kind="stable")[:count]
         return Found(rows[order].astype(np.int64), exact[order])
 
@@ -69,9 +73,8 @@ class WindowIndex:
         self, window: Floats[Array, "samples channels"], there: Bools[Array, "columns"], query: Floats32[Array, "known"]
     ) -> Floats32[Array, "frames"]:
         """Squared distances, but for a constant, over the columns that are there."""
-        whole = there.reshape(window.shape).all(axis=1)
-        length = int(whole.sum())
-        if whole[:length].all() and len(query) == length * window.shape[1]:
+        length = len(query) // window.shape[1]
+        if length * window.shape[1] == len(query) and bool(np.all(there[: len(query)])):
             # A window that has only begun is a prefix: a view, not a copy.
             return self.squares[:, length - 1] - 2 * (self.windows[:, : len(query)] @ query)
         part = self.windows[:, there]

@@ -1,0 +1,60 @@
+"""What to run of the single-IMU paper's experiments, and on what."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+Progress = Callable[[str, int, int], object]
+"""Called with the name of what is being done, and how many of how many are."""
+
+OURS = "phase-hmm"
+PAPERS = "phase-hmm-paper"
+METHODS = (
+    OURS,
+    PAPERS,
+    "nearest-window",
+    "phase-regression",
+    "sparse-accelerometers",
+    "motion-primitives",
+    "motion-graph",
+)
+"""Ours, the paper's own settings of it, and the comparators."""
+
+FOOT, FOOT_AND_HAND = "right-foot-imu", "right-foot+right-hand-imu"
+LAYOUTS = (FOOT, FOOT_AND_HAND)
+"""The paper's one sensor and two."""
+
+PLACEMENTS = ("right-foot", "right-hand", "right-forearm", "right-shank", "right-thigh", "hips", "head")
+"""Of figure 10."""
+
+PARTS = ("3", "subject", "10", "2", "transitions", "phases", "dropouts", "changes", "real", "sweep")
+"""Table 3 by-sequence and by-subject, figure 10, table 2, transitions, phase labels, drop-outs, changes of behaviour,
+the real walk, and the choice of settings."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run.
+
+    Attributes:
+        data: Folder of the recordings.
+        parts: Of `PARTS`.
+        quick: An honest subset: fewer sequences and methods, one fold of the tables.
+        limit: Samples of each sequence.
+        seed: Of all that is drawn.
+        workers: Processes.
+        mirrored: Whether mirror images of the training motions are trained on too.
+    """
+
+    data: Path
+    parts: tuple[str, ...] = tuple(part for part in PARTS if part != "sweep")
+    quick: bool = False
+    limit: int = 240
+    seed: int = 0
+    workers: int = 1
+    mirrored: bool = False
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The methods of table 3."""
+        return (OURS, "nearest-window", "sparse-accelerometers") if self.quick else METHODS
