@@ -21,6 +21,9 @@ class Assembly:
         time: Session time of the newest of them.
         heard: Host's time at which each sensor was heard last.
         last_time: Session time of the newest sample; None before the first.
+        first: Host's time of the first reading; None before it.
+        closed: Host's time at which the newest sample was closed.
+        absent: Sensors that were missing in it.
     """
 
     pending: Mapping[str, Reading] = field(default_factory=dict[str, Reading])
@@ -28,6 +31,9 @@ class Assembly:
     time: float = 0.0
     heard: Mapping[str, float] = field(default_factory=dict[str, float])
     last_time: float | None = None
+    first: float | None = None
+    closed: float = 0.0
+    absent: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -38,13 +44,18 @@ class Assembler:
     is slower, or has fallen silent: it is missing then), and otherwise replaces its first reading (it is faster than
     the others). `poll` closes a sample for which the others are late. No reading is ever used twice.
 
+    A sensor that comes back just after a sample was closed without it is waited for from the next on: taken into that
+    one at once, it would stay a period older than the others for good.
+
     Attributes:
         layout: The sensors, and the rate that is expected.
         speaking: Seconds after its last reading for which a sensor is waited for.
+        gathering: Seconds from the first reading on in which all sensors are waited for.
     """
 
     layout: SensorLayout
     speaking: float = 0.15
+    gathering: float = 1.0
 
     @property
     def period(self) -> float:
@@ -70,12 +81,16 @@ class Assembler:
             state, done = self._close(state, arrival)
         if not own and not packet.whole:
             return state, done
+        heard = {**state.heard, **dict.fromkeys(own, arrival)}
+        if not state.pending and arrival - state.closed < 0.5 * self.period and state.absent.issuperset(own) and own:
+            return replace(state, heard=heard), done
         state = replace(
             state,
             pending={**state.pending, **own},
             began=state.began if state.pending else arrival,
             time=time,
-            heard={**state.heard, **dict.fromkeys(own, arrival)},
+            heard=heard,
+            first=arrival if state.first is None else state.first,
         )
         if packet.whole or self._is_complete(state, arrival):
             state, last = self._close(state, arrival)
@@ -94,6 +109,8 @@ class Assembler:
         return replace(state, last_time=time), sample_of_readings({}, self.layout, time, arrival)
 
     def _is_complete(self, state: Assembly, arrival: float) -> bool:
+        if state.first is None or arrival - state.first < self.gathering:
+            return all(name in state.pending for name in self.layout.names)
         return all(name in state.pending for name, last in state.heard.items() if arrival - last < self.speaking)
 
     def _close(self, state: Assembly, arrival: float) -> tuple[Assembly, tuple[Sample, ...]]:
@@ -102,4 +119,5 @@ class Assembler:
             # After a pause that was filled, what comes late catches up at twice the pace rather than being lost.
             time = max(time, state.last_time + 0.5 * self.period)
         sample = sample_of_readings(state.pending, self.layout, time, arrival)
-        return replace(state, pending={}, last_time=time), (sample,)
+        absent = frozenset(self.layout.names) - frozenset(state.pending)
+        return replace(state, pending={}, last_time=time, closed=arrival, absent=absent), (sample,)

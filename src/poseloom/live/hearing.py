@@ -113,7 +113,7 @@ class Hearing:
     def _take(self, sample: Sample) -> None:
         self._filled_at = None
         self._arrivals.append(sample.arrival)
-        self._pace, wanted = step_pace(self._pace, sample.time, self._assembler.layout.rate)
+        self._pace, wanted = step_pace(self._pace, sample.time, sample.arrival, self._assembler.layout.rate)
         if not wanted:
             self._count(superseded=1)
             return

@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 _MUCH_FASTER = 1.2
 """Times the wanted rate from which samples are left out. Below that, clocks differ and times are uneven."""
-_SMOOTHING = 0.05
+_LEAST, _MOST = 60, 120
+"""Arrivals over which the rate is told: enough that a stalled sender's packets, which come at once, do not count."""
 
 
 @dataclass(frozen=True)
@@ -12,34 +13,38 @@ class Pace:
     """What is remembered.
 
     Attributes:
-        last: Time of the newest sample; None before the first.
-        period: Smoothed seconds from sample to sample; 0 before the second.
-        due: Time from which the next sample is taken.
+        arrivals: Host's times of the last samples, seconds.
+        due: Session time from which the next sample is taken.
     """
 
-    last: float | None = None
-    period: float = 0.0
+    arrivals: tuple[float, ...] = ()
     due: float = 0.0
 
     @property
     def rate(self) -> float:
         """Samples a second that come; 0 while unknown."""
-        return 1.0 / self.period if self.period > 0 else 0.0
+        if len(self.arrivals) < _LEAST:
+            return 0.0
+        span = self.arrivals[-1] - self.arrivals[0]
+        return (len(self.arrivals) - 1) / span if span > 0 else 0.0
 
 
-def step_pace(pace: Pace, time: float, wanted: float) -> tuple[Pace, bool]:
-    """Takes in a sample's time; says whether the sample is to be used.
+def step_pace(pace: Pace, time: float, arrival: float, wanted: float) -> tuple[Pace, bool]:
+    """Takes in a sample; says whether it is to be used.
 
     All are used until it is clear that they come much faster than wanted; then as many as are wanted, as evenly as can
     be, always the newest.
+
+    Args:
+        pace: What is remembered.
+        time: The sample's time, seconds.
+        arrival: When it came on the host's clock, seconds.
+        wanted: Samples a second that can be used.
     """
-    if pace.last is None:
-        return Pace(time, 0.0, time), True
-    gap = time - pace.last
-    period = gap if pace.period == 0 else pace.period + _SMOOTHING * (min(gap, 4 * pace.period) - pace.period)
-    following = replace(pace, last=time, period=period)
-    if period <= 0 or 1.0 / period < _MUCH_FASTER * wanted:
+    following = replace(pace, arrivals=(*pace.arrivals[-_MOST:], arrival))
+    rate = following.rate
+    if rate < _MUCH_FASTER * wanted:
         return replace(following, due=time), True
-    if time < pace.due - 0.5 * period:
+    if time < pace.due - 0.5 / rate:
         return following, False
     return replace(following, due=max(pace.due, time - 1.0 / wanted) + 1.0 / wanted), True

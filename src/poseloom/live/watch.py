@@ -33,6 +33,7 @@ class WatchState:
         unchanged: Seconds for which each sensor has said exactly the same.
         swaps: Pairs that were seen to exchange their places, as (sensor, sensor).
         findings: Present troubles by sensor and kind.
+        seen: Session time at which each of these showed last, but for silence.
         judged: Session time of the last look at the slow signs.
     """
 
@@ -43,6 +44,7 @@ class WatchState:
     unchanged: Floats[Array, "sensors"]
     swaps: tuple[tuple[int, int], ...] = ()
     findings: Mapping[tuple[str, Trouble], Finding] = field(default_factory=dict[tuple[str, Trouble], Finding])
+    seen: Mapping[tuple[str, Trouble], float] = field(default_factory=dict[tuple[str, Trouble], float])
     judged: float = 0.0
 
 
@@ -93,18 +95,23 @@ class Watch:
             return state
         slow = time - state.judged >= self.settings.judge_every
         found = dict(self._silent(state, time))
+        seen = dict(state.seen)
         if slow:
             others = dict(self._others(state))
             # In another unit any movement looks like noise.
             scaled = {name for name, trouble in others if trouble is Trouble.MIS_SCALED}
-            found |= {k: text for k, text in others.items() if k[1] is not Trouble.NOISY or k[0] not in scaled}
-        else:
-            found |= {key: each.text for key, each in state.findings.items() if key[1] is not Trouble.SILENT}
+            others = {k: text for k, text in others.items() if k[1] is not Trouble.NOISY or k[0] not in scaled}
+            seen |= dict.fromkeys(others, time)
+            found |= others
+        for key, each in state.findings.items():
+            if key[1] is not Trouble.SILENT and time - seen.get(key, -1e9) < self.settings.hold:
+                found.setdefault(key, each.text)
         findings = {
             key: state.findings[key] if key in state.findings else Finding(key[0], key[1], text, time)
             for key, text in found.items()
         }
-        return replace(state, findings=findings, judged=time if slow else state.judged)
+        seen = {key: at for key, at in seen.items() if key in findings}
+        return replace(state, findings=findings, seen=seen, judged=time if slow else state.judged)
 
     def _unchanged(self, state: WatchState, said: Moments) -> Floats[Array, "sensors"]:
         if not len(state.recent):

@@ -47,6 +47,7 @@ class WatchSettings:
         memory: Seconds of the slow signs.
         sparse_step: Seconds between the moments that they look at.
         judge_every: Seconds between looks.
+        hold: Seconds for which a slow sign must be gone before the trouble is over.
     """
 
     silent_after: float = 0.13
@@ -63,11 +64,12 @@ class WatchSettings:
     tallest: float = 3.5
     smallest: float = 0.35
     least_force: float = 5.0
-    most_force: float = 25.0
+    most_force: float = 200.0
     most_rate: float = 20.0
     memory: float = 5.0
     sparse_step: float = 0.1
     judge_every: float = 0.25
+    hold: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
