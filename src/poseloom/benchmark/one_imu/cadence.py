@@ -35,7 +35,7 @@ class Cadences:
         """Share of windows in which the motion's cadence is within 5 % of the signal's; NaN for no window."""
         if len(self.times) == 0:
             return float("nan")
-        close = np.abs(self.motion / self.signal - 1) < 0.05
+        close = np.asarray(np.abs(self.motion / self.signal - 1) < 0.05, dtype=np.float64)
         return float(close.mean())
 
 
@@ -70,7 +70,7 @@ def compare_cadences(recording: Recording, motion: Motion, first: int = 0) -> Ca
     """
     rate = recording.layout.rate
     said = np.concatenate([recording.specific_forces[:, 0] / 9.81, recording.angular_rates[:, 0]], axis=1)
-    known = np.isfinite(said).all(axis=1)
+    known = np.asarray(np.isfinite(said).all(axis=1))
     places = np.arange(len(said))
     bridged = np.stack([np.interp(places, places[known], said[known, c]) for c in range(said.shape[1])], axis=1)
     steps = _steps(motion)
@@ -79,7 +79,7 @@ def compare_cadences(recording: Recording, motion: Motion, first: int = 0) -> Ca
     pairs: list[tuple[float, float]] = []
     for begin in range(first, first + len(motion) - width + 1, hop):
         stride, clear = stride_seconds(bridged[begin : begin + width], rate)
-        if clear < _CLEAR or known[begin : begin + width].mean() < 0.7:
+        if clear < _CLEAR or np.count_nonzero(known[begin : begin + width]) < 0.7 * width:
             continue
         made, _ = stride_seconds(steps[begin - first : begin - first + width], rate)
         times.append(float(recording.times[begin + width // 2]))
