@@ -27,6 +27,7 @@ _TEXT_PERIOD = 0.25
 _PLOT_PERIOD = 0.3
 _MOST_ROUNDS = 5
 _HEALTH_LEVELS = {HealthState.LOST: 0.0, HealthState.COASTING: 1.0, HealthState.DEGRADED: 2.0, HealthState.OK: 3.0}
+_NO_LATENCY = Latency(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ARMS_OUT, _EIGHT = "Arms out", "Eight poses"
 
 
@@ -45,7 +46,7 @@ class LivePanel:
         self._server = server
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
-        self._status = gui.add_html(status_text(facts, None, Latency(0, 0, 0, 0, 0, 0), Counters()))
+        self._status = gui.add_html(status_text(facts, None, _NO_LATENCY, Counters()))
         self._findings = gui.add_html("", visible=False)
         self._guide = gui.add_html("", visible=False)
         self._cancel = gui.add_button("Cancel calibration", color="gray", visible=False)

@@ -67,6 +67,10 @@ class Player:
         """The second that is shown."""
         return self._clock.now()
 
+    def seek(self, moment: float) -> None:
+        """Goes to a second."""
+        self._clock.seek(moment)
+
     def wait(self) -> None:
         """Returns when the player has been closed."""
         while self._thread.is_alive():

@@ -73,6 +73,14 @@ class SessionViewer:
         """Builds scene and panels; see `poseloom.live.contract.Sink`."""
         self._post = post
         server = self._server.viser
+        try:
+            self._build(server, facts, post)
+        except BaseException:
+            # A session does not close a sink that could not be opened.
+            self._server.close()
+            raise
+
+    def _build(self, server: viser.ViserServer, facts: SessionFacts, post: Post) -> None:
         with server.atomic():
             self._panel = LivePanel(server, facts, post)
             self._plots = LivePlots(self._panel.tabs, server.gui, facts)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import viser
@@ -23,6 +24,8 @@ _PHONE_SHARE = 0.52
 """Share of a phone's height, from the top, that the panel leaves to the figures."""
 _DIRECTION = np.array([0.42, 0.16, 1.0]) / np.linalg.norm([0.42, 0.16, 1.0])
 """From the figure to the camera: from the front, a little from its left and from above."""
+_UNMOVED = 0.02
+"""Metres up to which a camera stands where it was put."""
 _FOLLOW_SLACK = 0.25
 """Metres that the figure may stray from the middle before the ground begins to move under it."""
 
@@ -38,6 +41,13 @@ class View:
 
     position: Floats[Array, "3"]
     look_at: Floats[Array, "3"]
+
+
+class _Framed(NamedTuple):
+    """How a visitor's camera was placed, and for a picture of which size."""
+
+    size: tuple[int, int]
+    view: View
 
 
 def framing(width: int, height: int, figures: int = 1, spacing: float = 0.0) -> View:
@@ -82,7 +92,9 @@ class Stage:
         camera.position, camera.look_at = view.position, view.look_at
         camera.up, camera.fov = (0.0, 1.0, 0.0), _FIELD_OF_VIEW
         self._focus, self._turn = np.zeros(3), np.eye(3)
-        server.on_client_connect(self.frame_client)
+        self._framed: dict[int, _Framed] = {}
+        server.on_client_connect(self._welcome)
+        server.on_client_disconnect(self._farewell)
 
     def arrange(self, figures: int, spacing: float) -> None:
         """Says how many figures stand side by side, and frames them for everybody who is looking."""
@@ -93,12 +105,31 @@ class Stage:
     def frame_client(self, client: viser.ClientHandle) -> None:
         """Puts one visitor's camera where it shows all figures."""
         camera = client.camera
-        view = framing(camera.image_width, camera.image_height, self._figures, self._spacing)
+        size = (camera.image_width, camera.image_height)
+        view = framing(*size, self._figures, self._spacing)
+        self._framed[client.client_id] = _Framed(size, view)
         with client.atomic():
             camera.fov = _FIELD_OF_VIEW
             camera.up_direction = np.array([0.0, 1.0, 0.0])
             camera.position = view.position
             camera.look_at = view.look_at
+
+    def _welcome(self, client: viser.ClientHandle) -> None:
+        self.frame_client(client)
+        client.camera.on_update(lambda _: self._looked(client))
+
+    def _farewell(self, client: viser.ClientHandle) -> None:
+        self._framed.pop(client.client_id, None)
+
+    def _looked(self, client: viser.ClientHandle) -> None:
+        """Frames the figures anew when the window has changed its shape, unless the person has moved the camera."""
+        camera, framed = client.camera, self._framed.get(client.client_id)
+        if framed is None or framed.size == (camera.image_width, camera.image_height):
+            return
+        if np.linalg.norm(camera.position - framed.view.position) < _UNMOVED:
+            self.frame_client(client)
+        else:
+            self._framed[client.client_id] = _Framed((camera.image_width, camera.image_height), framed.view)
 
     def shadows(self, on: bool) -> None:
         """Draws shadows or leaves them out."""
@@ -128,10 +159,16 @@ class Stage:
 
 
 def _light(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
-    """A sun that shines from before the figures, and a sky; viser's own would leave their fronts in the dark."""
+    """A sun before the figures on their right, a fainter light on their left, and a sky.
+
+    viser's own sun leaves the fronts in the dark, and its picture of surroundings, which is there to light them, takes
+    ten seconds to prepare on a slow computer.
+    """
     scene.configure_default_lights(enabled=False)
-    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(205, 205, 215), intensity=0.7)
-    return scene.add_light_directional("/sun", intensity=1.6, cast_shadow=True, position=(-1.2, 3.0, 2.0))
+    scene.configure_environment_map(None)
+    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(215, 215, 225), intensity=1.9)
+    scene.add_light_directional("/fill", intensity=0.7, position=(2.5, 1.2, 3.0))
+    return scene.add_light_directional("/sun", intensity=2.0, cast_shadow=True, position=(-1.2, 3.0, 2.0))
 
 
 def _lay_floor(scene: viser.SceneApi) -> None:

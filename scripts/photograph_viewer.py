@@ -1,0 +1,157 @@
+"""Takes the pictures of the viewer for the documents, in a real browser, into docs/images.
+
+python scripts/photograph_viewer.py [--only live|take|phone]
+
+Needs Chromium and the extra dev (playwright). Trackers are simulated on the built-in motions.
+"""
+
+import argparse
+import shutil
+import tempfile
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+from poseloom.formats.recording import write_recording
+from poseloom.library import build_library, open_library
+from poseloom.live.contract import Stop
+from poseloom.live.session import Session, SessionPlan
+from poseloom.live.source_replay import ReplaySource
+from poseloom.methods import make_method
+from poseloom.samples import sample_motions
+from poseloom.sensors import layout
+from poseloom.skeleton.resample import resample
+from poseloom.synthesis import simulate_trackers
+from poseloom.viewer.player import Player
+from poseloom.viewer.session import SessionViewer
+from poseloom.viewer.tracks import Wanted, load_take
+
+IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+DESK, PHONE = (1280, 800), (390, 844)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture to take.
+
+    Attributes:
+        name: Of the file in docs/images, without suffix.
+        size: Of the window.
+        button: That is there once the page is connected.
+        tab: To be opened.
+        seconds: To wait before.
+    """
+
+    name: str
+    size: tuple[int, int]
+    button: str
+    tab: str = ""
+    seconds: float = 6.0
+
+
+def main() -> None:
+    """Takes the pictures."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--only", choices=("live", "take", "phone"))
+    only = parser.parse_args().only
+    with tempfile.TemporaryDirectory() as folder:
+        if only in (None, "live"):
+            photograph_session([Shot("viewer", DESK, "Record", "Signals")], Path(folder))
+        if only in (None, "take", "phone"):
+            shots = [
+                Shot("viewer-take", DESK, "Play"),
+                Shot("viewer-phone", PHONE, "Play"),
+            ]
+            wanted = {"take": shots[:1], "phone": shots[1:]}.get(only or "", shots)
+            photograph_take(wanted, Path(folder))
+
+
+def photograph_session(shots: list[Shot], folder: Path) -> None:
+    """A live session on simulated trackers of which one falls silent."""
+    motion = resample(sample_motions()["dance_a"], 40.0)
+    recording = simulate_trackers(motion, layout("six-trackers"), seed=2)
+    library = built_library(folder)
+    viewer = SessionViewer(port=0)
+    plan = SessionPlan(
+        sources=(ReplaySource(recording, "simulated trackers", loop=True),),
+        layout=recording.layout,
+        skeleton=recording.skeleton,
+        placements=recording.placements,
+        method="local-gaussian",
+        make=lambda name: make_method(name, recording.layout, library),
+        sinks=(viewer,),
+        methods=("local-gaussian", "inverse-kinematics"),
+        calibrated=True,
+        folder=folder,
+    )
+    session = Session(plan)
+    thread = threading.Thread(target=session.run)
+    thread.start()
+    try:
+        for shot in shots:
+            photograph(viewer.url, shot)
+    finally:
+        session.post(Stop())
+        thread.join()
+
+
+def photograph_take(shots: list[Shot], folder: Path) -> None:
+    """A recording with its truth and two methods, at a moment of it."""
+    motion = resample(sample_motions()["dance_a"], 40.0)
+    recording = simulate_trackers(motion, layout("six-trackers"), seed=2)
+    write_recording(recording, folder / "dance_a.mcap")
+    built_library(folder)
+    methods = ("local-gaussian", "inverse-kinematics")
+    take = load_take([folder / "dance_a.mcap"], Wanted(methods, folder / "library"))
+    player = Player(take, port=0)
+    player.seek(3.1)
+    try:
+        for shot in shots:
+            photograph(player.url, shot)
+    finally:
+        player.close()
+
+
+def built_library(folder: Path):  # noqa: ANN201
+    """A library of the built-in motions without the one that is shown."""
+    if not (folder / "library").exists():
+        build_library(["samples"], folder / "library", mirror=True, exclude=("*dance_a*",))
+    return open_library(folder / "library")
+
+
+def photograph(url: str, shot: Shot) -> None:
+    """Opens the page in a new browser and keeps what is seen."""
+    executable = shutil.which("chromium")
+    with tempfile.TemporaryDirectory() as profile, sync_playwright() as playwright:
+        width, height = shot.size
+        browser = playwright.chromium.launch_persistent_context(
+            profile, executable_path=executable, args=FLAGS, viewport={"width": width, "height": height}
+        )
+        page: Page = browser.pages[0]
+        page.goto(url)
+        page.get_by_role("button", name=shot.button).first.wait_for()
+        page.locator("#webgl-software-rendering button").click()
+        if shot.tab:
+            page.get_by_role("tab", name=shot.tab).click()
+        page.wait_for_timeout(1000 * shot.seconds)
+        page.screenshot(path=IMAGES / f"{shot.name}.png")
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
