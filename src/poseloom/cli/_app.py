@@ -21,6 +21,7 @@ TOPICS = (
     "sensing",
     "imus",
     "calibrating",
+    "fitting",
     "live",
     "reconstruction",
     "evaluating",

@@ -11,6 +11,7 @@ from poseloom.errors import MethodError, unknown_name
 from poseloom.library import MotionLibrary
 from poseloom.methods.contract import Reconstructor
 from poseloom.methods.flex.network_method import SHIPPED_MODEL, load_flex_lstm, load_flex_scales
+from poseloom.methods.flex.root import on_its_feet
 from poseloom.methods.imus.model_file import read_phase_hmm
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
 from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
@@ -98,7 +99,7 @@ def make_method(
                 f"the method {name!r} needs a fitted model",
                 remedy=f"Fit one with `poseloom fit {name}` and name it with --model",
             )
-        return entry.load(model)
+        return on_its_feet(entry.load(model), layout)
     kind = entry.kind
     if kind is None:
         return InverseKinematics(layout)

@@ -110,7 +110,7 @@ def interpolate(
         size = math.sqrt(here[0] ** 2 + here[1] ** 2 + here[2] ** 2 + here[3] ** 2)
         for a in range(4):
             here[a] /= size
-        # The normalised sum is the mean to first order; one step of the mean in the tangent space makes it exact enough.
+        # The normalised sum is the mean to first order; one step in the tangent space makes it exact enough.
         for repeat in range(2):
             x = y = z = 0.0
             for b in range(count):

@@ -51,4 +51,4 @@ def warp_path(
         else:
             j -= 1
         at -= 1
-    return cost[n - 1, m - 1], at
+    return float(cost[n - 1, m - 1]), at

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Bools, Floats, Floats32, frozen_float
-from poseloom.methods.imus.pairs import CHANNELS, SignalPair
+from poseloom.methods.imus.pairs import SignalPair
 from poseloom.rotations import (
     heading_angle,
     heading_matrix,
@@ -107,11 +108,8 @@ def windows(signal: Floats[Array, "frames channels"], length: int) -> Floats[Arr
     return np.concatenate([padded[k : k + len(signal)] for k in range(length)], axis=1)
 
 
-def fit_signal_features(signals: list[Floats[Array, "..."]], window: int, columns: int, seed: int) -> SignalFeatures:
+def fit_signal_features(signals: list[NDArray[np.float64]], window: int, columns: int, seed: int) -> SignalFeatures:
     """Learns scales and principal components from all signals.
-
-    Scales are shared by the three axes of a force or rate: an axis of little movement must not count as much as one of
-    much, and a slightly turned sensor must not change the picture.
 
     Args:
         signals: One a clip.
@@ -120,8 +118,7 @@ def fit_signal_features(signals: list[Floats[Array, "..."]], window: int, column
         seed: Of the draw of windows.
     """
     every = np.concatenate(signals)
-    groups = every.var(axis=0).reshape(-1, CHANNELS // 2)
-    scale = np.repeat(np.sqrt(groups.mean(axis=1)), CHANNELS // 2)
+    scale = np.maximum(every.std(axis=0), 1e-6)
     rows = np.concatenate([windows(signal / scale, window) for signal in signals])
     if len(rows) > _MOST_ROWS:
         rows = rows[np.sort(np.random.default_rng(seed).choice(len(rows), _MOST_ROWS, replace=False))]

@@ -67,7 +67,7 @@ def fit_model(
         MethodError: for no pairs, or pairs of another rate or number of channels.
         SkeletonError: for motions that are not on the body.
     """
-    tell = progress or (lambda what, done, total: None)
+    tell = progress or _untold
     _check(pairs, layout)
     stretches, features = _cut(pairs, settings, tell)
     signal_features = fit_signal_features([pair.signal for pair in pairs], settings.window, settings.columns, seed)
@@ -120,6 +120,10 @@ def fit_model(
 def bone_lengths(skeleton: Skeleton) -> Floats[Array, "bones"]:
     """Length of every bone of the body, metres."""
     return np.asarray(np.linalg.norm(skeleton.offsets[1:], axis=1))
+
+
+def _untold(_what: str, _done: int, _total: int) -> None:
+    """Tells nobody."""
 
 
 def _check(pairs: Sequence[SignalPair], layout: SensorLayout) -> None:
@@ -184,12 +188,12 @@ def _fit_maps(
     variances: list[NDArray[np.float64]] = []
     columns = [registered_columns(each) for each in features]
     for phase in range(phases):
-        members = np.flatnonzero(phase_of_segment == phase)
+        members: list[int] = np.flatnonzero(phase_of_segment == phase).tolist()
         pieces = [columns[stretches[m].pair][stretches[m].start : stretches[m].stop] for m in members]
         reference = medoid(pieces, seed)
         length = len(pieces[reference])
         times = np.concatenate([time_warp(piece, pieces[reference]).of_segment(len(piece)) for piece in pieces])
-        states = np.concatenate([np.arange(firsts[m], stops[m]) for m in members])
+        states = np.concatenate([np.arange(int(firsts[m]), int(stops[m])) for m in members])
         for time in range(length):
             near = _at_time(times, time)
             x = _residuals(quats[states[near]], others[states[near]])
@@ -233,8 +237,8 @@ def _precision(
 ) -> Floats[Array, "phases columns"]:
     """The emission's precision of each phase.
 
-    Either of each column about the mean of its warped time, tied over the phase (eq. 9 takes it of one sample, which has
-    none); or one for all columns, from the squared distance to the nearest state of the phase in another take.
+    Either of each column about the mean of its warped time, tied over the phase (eq. 9 takes it of one sample, which
+    has none); or one for all columns, from the squared distance to the nearest state of the phase in another take.
     """
     out = np.empty((phases, columns.shape[1]))
     generator = np.random.default_rng(seed)
@@ -251,12 +255,10 @@ def _precision(
         variance = ((columns[rows] - means[places]) ** 2).mean(axis=0)
         out[phase] = 1 / np.maximum(variance, 1e-3 * max(float(variance.mean()), 1e-6))
     if settings.window_emission:
-        # Phases without a second take have no distance of their own.
-        known = np.isfinite(out[:, 0])
-        typical = float(np.median(out[known])) if known.any() else 1.0
-        out[~known] = typical
-        # Half way to the typical one, in logarithms: phases of few takes are noisy.
-        out = np.sqrt(out * typical)
+        # Phases without a second take have no distance of their own, and the columns are not independent: a precision
+        # of its own for each phase would give its normalising term the last word. One is shared.
+        known = out[:, 0] > 0
+        out[:] = float(np.median(out[known])) if known.any() else 1.0
     return settings.tempering * out
 
 

@@ -5,8 +5,8 @@ Source: section 5.1 of the single-IMU paper, eq. 2 to 7:
     E[x | y] = mu_x + U_xy U_yy^-1 (y - mu_y),    Cov[x | y] = U_xx - U_xy U_yy^-1 U_yx
 
 Departures: the paper estimates one Gaussian a state, which one example cannot define; here the Gaussian is that of all
-registered examples of a phase at one warped time, with U_yy shrunk towards its diagonal and solved by Cholesky. Only the
-diagonal of the conditional covariance is kept.
+registered examples of a phase at one warped time, with U_yy shrunk towards its diagonal and solved by Cholesky. Only
+the diagonal of the conditional covariance is kept.
 """
 
 from dataclasses import dataclass

@@ -7,9 +7,10 @@ standing foot is held where it came down, its own orientation kept, and let go g
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats, Ints
 from poseloom.rotations import matrix_from_rotvec, quat_from_matrix, rotvec_from_quat
@@ -176,8 +177,8 @@ def _bend_leg(legs: Legs, q: Floats[Array, "dofs"], side: int, target: Floats[Ar
         # The knee is a hinge: turning the shank about its other axes is dear.
         cheap = np.array([1.0, 0.3, 1.0, 1.0, 0.0, 0.0])
         weighted = jacobian * cheap
-        step = weighted.T @ np.linalg.solve(jacobian @ weighted.T + _DAMPING * np.eye(3), target - there.points[0])
-        out[columns] += step
+        normal = jacobian @ weighted.T + _DAMPING * np.eye(3)
+        out[columns] += weighted.T @ cast(NDArray[np.float64], np.linalg.solve(normal, target - there.points[0]))
     shank_turn = forward_kinematics(skeleton, out).rotations[shank]
     at = 3 + 3 * foot
     out[at : at + 3] = rotvec_from_quat(quat_from_matrix(shank_turn.T @ before))

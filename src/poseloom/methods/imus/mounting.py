@@ -7,9 +7,10 @@ the place of what would have been; recursive least squares with the prior of a m
 paper, whose sensor was never taken off between training and use.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.methods.imus.pairs import CHANNELS
@@ -76,5 +77,6 @@ def observe_mounting(
             weight = gain / sigma**2
             information[sensor] += weight * jacobian.T @ jacobian
             evidence[sensor] += weight * jacobian.T @ (measured - hoped)
-        turns[sensor] = matrix_from_rotvec(np.linalg.solve(information[sensor], evidence[sensor]))
+        turn = cast(NDArray[np.float64], np.linalg.solve(information[sensor], evidence[sensor]))
+        turns[sensor] = matrix_from_rotvec(turn)
     return Mounting(information, evidence, turns)

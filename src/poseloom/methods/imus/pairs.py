@@ -20,6 +20,20 @@ CHANNELS = 6
 SHORTEST_FRAMES = 24
 """Shorter clips make no pair: they hold less than one phase of a walk."""
 
+WELL_MOUNTED = ImuNoise(placement_m=0.0, placement_rad=0.0)
+"""Sensors that sit as stated: what models learn from that align the wearer's sensors online."""
+
+LOCOMOTION = (
+    Behaviour.WALKING,
+    Behaviour.RUNNING,
+    Behaviour.JUMPING,
+    Behaviour.HOPPING,
+    Behaviour.SIDE_STEPPING,
+    Behaviour.TURNING,
+    Behaviour.IDLE,
+)
+"""Behaviours that one to three IMUs can tell; what else people do is not in the signal."""
+
 
 @dataclass(frozen=True, eq=False)
 class SignalPair:

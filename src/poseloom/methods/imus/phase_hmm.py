@@ -135,8 +135,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         self.settings = settings
         self.seed = seed
         self.data_digest = data_digest
-        self._precision: Floats32[Array, "phases columns"] = model.precision.astype(np.float32)
-        self._log_norm: Floats[Array, phases] = 0.5 * np.log(model.precision / (2 * np.pi)).sum(axis=1)
+        self._precision = model.precision.astype(np.float32)
+        self._log_norm = 0.5 * np.log(model.precision / (2 * np.pi)).sum(axis=1)
         self._steps = np.array(settings.steps)
         self._stride = -(-len(model) // settings.restart_states)
 
@@ -170,7 +170,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
     def step(self, state: PhaseHmmState, sample: Sample) -> tuple[PhaseHmmState, Frame | None]:
         """See `Reconstructor.step`. No frame comes until all sensors have spoken once."""
         said = sample_signal(sample)
-        heard = np.isfinite(said).reshape(len(self.layout), -1).all(axis=1)
+        heard = np.asarray(np.isfinite(said).reshape(len(self.layout), -1).all(axis=1))
         if state.guess is None:
             if not heard.all():
                 return state, None
@@ -315,7 +315,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             return replace(state, quats_wxyz=quats, q=q, ground=ground)
         blended = np.empty_like(quats)
         _pose_kernels.blend(before.quats_wxyz, before.guess.speed, quats, how.blend, how.turn_limit, blended)
-        excess = float(np.mean(np.sum(guess.ups * (live - guess.signal).reshape(-1, 2, 3)[:, 1], axis=1)))
+        turning = (live - guess.signal).reshape(-1, 2, 3)[:, 1]
+        excess = float((guess.ups * turning).sum()) / len(turning)
         share = 1.0 / (how.turn_seconds * self.layout.rate)
         drift = before.drift + share * (excess / self.layout.rate - before.drift)
         last = before.guess.others
@@ -328,7 +329,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
 
     @staticmethod
     def _vector(quats: Floats[Array, "joints 4"], heading: float, last: Floats[Array, "dofs"]) -> Floats[Array, "dofs"]:
-        """The pose vector of a heading and local rotations, on the branch of the last, the root's place left at zero."""
+        """The pose vector of a heading and local rotations, on the last one's branch, the root's place left at zero."""
         turned = quats.copy()
         turned[0] = quat_multiply(quat_from_matrix(heading_turn(heading)), quats[0])
         q = np.zeros(3 + 3 * len(quats))

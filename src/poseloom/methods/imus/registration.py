@@ -93,9 +93,10 @@ def medoid(segments: Sequence[NDArray[np.float64]], seed: int = 0) -> int:
     if len(chosen) > MOST_CANDIDATES:
         chosen = np.sort(np.random.default_rng(seed).choice(chosen, MOST_CANDIDATES, replace=False))
     apart = np.zeros((len(chosen), len(chosen)))
-    for row, one in enumerate(chosen):
-        for column in range(row):
-            apart[row, column] = apart[column, row] = time_warp(segments[one], segments[chosen[column]]).cost
+    pieces = [segments[int(index)] for index in chosen]
+    for row, one in enumerate(pieces):
+        for column, other in enumerate(pieces[:row]):
+            apart[row, column] = apart[column, row] = time_warp(one, other).cost
     return int(chosen[int(np.argmin(apart.sum(axis=1)))])
 
 

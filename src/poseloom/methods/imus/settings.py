@@ -32,8 +32,8 @@ class PhaseHmmSettings:
         blend: Share of the way from the last pose, moved on by its velocity, to the new one.
         turn_limit: Most radians a frame by which a joint is turned beyond its velocity.
         body_scale: Metres of difference of a bone's length that count as one standard deviation between the wearer
-            and the people recorded; infinite ignores the wearer's build.
-        body_limit: Most standard deviations that the difference in build can count.
+            and the people recorded.
+        body_limit: Most standard deviations that the difference in build can count; 0 ignores the wearer's build.
         mounting: Standard deviation of the sensors' mounting error, radians: what is aligned online. 0: no alignment.
         mounting_gain: How far one sample's evidence of the mounting counts: samples are not independent.
         turn_seconds: Time constant with which the gyroscope's turning corrects the examples' turning.
@@ -46,7 +46,7 @@ class PhaseHmmSettings:
     window: int = 20
     columns: int = 40
     window_emission: bool = True
-    tempering: float = 0.25
+    tempering: float = 1.0
     steps: tuple[float, float, float] = (0.2, 0.6, 0.2)
     upper_next: float = 0.5
     continuity: float = 0.5
@@ -61,8 +61,8 @@ class PhaseHmmSettings:
     correction: float = 0.5
     blend: float = 0.5
     turn_limit: float = 0.1
-    body_scale: float = 0.01
-    body_limit: float = 6.0
+    body_scale: float = 0.002
+    body_limit: float = 20.0
     mounting: float = np.deg2rad(5.0)
     mounting_gain: float = 0.15
     turn_seconds: float = 0.6
@@ -84,7 +84,7 @@ PAPER_SETTINGS = PhaseHmmSettings(
     weight_smoothing=0.7,
     shrinkage=0.3,
     correction=1.0,
-    body_scale=np.inf,
+    body_limit=0.0,
     mounting=0.0,
 )
 """The paper's model as far as it can be run: one sample an emission, its transition probabilities, segments of the most
