@@ -37,7 +37,7 @@ def by_subject(plan: Plan, tell: Progress) -> list[Row]:
     asked = [(sensors, method) for sensors in LAYOUTS for method in plan.methods]
     groups = [tuple(take for take in pool.tables if take.person == person) for person in people]
     questions = [
-        [_question(plan, method, sensors, group, by_subject=True) for group in groups] for sensors, method in asked
+        [question_of(plan, method, sensors, group, by_subject=True) for group in groups] for sensors, method in asked
     ]
     rows: list[Row] = []
     for (sensors, method), answers in zip(asked, _answered(plan, questions, tell, "by subject"), strict=True):
@@ -104,11 +104,12 @@ def _questions(plan: Plan, sensors: str, method: str, behaviour: str) -> list[Qu
     pool = pooled(plan.data)
     asked = [take for take in pool.tables if behaviour in ("", take.behaviour)]
     return [
-        _question(plan, method, sensors, fold, behaviour, pool.fold_of(fold[0])) for fold in by_fold(plan, pool, asked)
+        question_of(plan, method, sensors, fold, behaviour, pool.fold_of(fold[0]))
+        for fold in by_fold(plan, pool, asked)
     ]
 
 
-def _question(
+def question_of(
     plan: Plan,
     method: str,
     sensors: str,
@@ -117,6 +118,7 @@ def _question(
     left_out: Sequence[Take] = (),
     by_subject: bool = False,
 ) -> Question:
+    """A question of a plan."""
     return Question(
         plan.data, method, sensors, tuple(take.source for take in asked), tuple(take.source for take in left_out),
         by_subject, behaviour, plan.limit, plan.seed, plan.mirrored,

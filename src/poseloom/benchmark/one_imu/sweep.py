@@ -1,4 +1,4 @@
-"""Choosing the settings of every method on the validation sequences, as many trials for each."""
+"""Choosing the comparators' settings on the validation sequences, as many trials for each."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from poseloom.benchmark.one_imu.accuracy import rows_of
-from poseloom.benchmark.one_imu.plan import LAYOUTS, Plan, Progress
+from poseloom.benchmark.one_imu.plan import FOOT, Plan, Progress
 from poseloom.benchmark.one_imu.trials import Answer, Question, answer, pooled
 from poseloom.evaluation.rows import Row
 from poseloom.library.pool import in_order
@@ -53,7 +53,7 @@ SPACES: Mapping[str, Mapping[str, tuple[Any, ...]]] = MappingProxyType(
 
 
 def sweep(plan: Plan, tell: Progress) -> list[Row]:
-    """One setting after the other, each value of it tried with the best so far of all others; one sensor and two."""
+    """One setting after the other, each value of it with the best so far of all others; one sensor on the foot."""
     rows: list[Row] = []
     total = sum(1 + sum(len(values) - 1 for values in space.values()) for space in SPACES.values())
     done = 0
@@ -75,25 +75,22 @@ def sweep(plan: Plan, tell: Progress) -> list[Row]:
 
 
 def _tried(plan: Plan, method: str, setting: Mapping[str, Any], table: str = "tried") -> tuple[float, list[Row]]:
-    """Mean over both layouts of the mean over behaviours of the mean over frames, and its rows."""
+    """Mean over behaviours of the mean over frames, and its rows."""
     pool = pooled(plan.data)
     questions = [
         Question(
-            plan.data, method, sensors, tuple(take.source for take in pool.validation[part::2]), (), False, "",
+            plan.data, method, FOOT, tuple(take.source for take in pool.validation[part::2]), (), False, "",
             plan.limit, plan.seed, plan.mirrored, tuple(sorted(setting.items())),
         )
-        for sensors in LAYOUTS
         for part in (0, 1)
     ]  # fmt: skip
-    answers = list(in_order(answer, questions, plan.workers))
+    answers = [each for group in in_order(answer, questions, plan.workers) for each in group]
     words = ", ".join(f"{name} {value:.3g}" for name, value in sorted(setting.items()))
-    rows: list[Row] = []
-    scores: list[float] = []
-    for index, sensors in enumerate(LAYOUTS):
-        some = [each for group in answers[2 * index : 2 * index + 2] for each in group]
-        rows += rows_of(plan, table, method, f"{sensors}, {words}", "by-sequence", some)
-        scores.append(_score(some))
-    return float(np.mean(scores)), [row for row in rows if row.metric in ("joint_position_cm", "jitter_over_truth")]
+    rows = rows_of(plan, table, method, f"{FOOT}, {words}", "by-sequence", answers)
+    rows = [row for row in rows if row.metric in ("joint_position_cm", "jitter_over_truth")]
+    score = Row(table, method, rows[0].setting, "by-sequence", "mean_over_behaviours_cm", _score(answers), None,
+                len(answers), rows[0].frames, plan.seed)  # fmt: skip
+    return score.value, [score, *rows]
 
 
 def _score(answers: list[Answer]) -> float:

@@ -20,7 +20,8 @@ from poseloom.benchmark.one_imu.plan import OURS, PAPERS, Plan
 from poseloom.benchmark.one_imu.sequences import Pool, Take, read_pool
 from poseloom.benchmark.six_trackers.sequences import motions_folder
 from poseloom.methods import Reconstruction, Reconstructor, reconstruct
-from poseloom.methods.imus.baselines.fitting import fit_comparator
+from poseloom.methods.imus.baselines.examples import Examples, examples_of
+from poseloom.methods.imus.baselines.fitting import COMPARATORS, comparator_of, fit_comparator
 from poseloom.methods.imus.behaviours import Behaviour
 from poseloom.methods.imus.pairs import WELL_MOUNTED, SignalPair, pair_of_recording
 from poseloom.methods.imus.phase_hmm import fit_phase_hmm
@@ -135,9 +136,15 @@ def _fitted(
     mirrored: bool,
     changes: tuple[tuple[str, Any], ...],
 ) -> Reconstructor[Any]:
-    pool = pooled(data)
-    pairs = training_pairs(takes_of(pool, allowed), sensors, seed, mirrored)
+    if method in COMPARATORS:
+        return comparator_of(method, _examples(data, sensors, allowed, seed, mirrored), dict(changes))
+    pairs = training_pairs(takes_of(pooled(data), allowed), sensors, seed, mirrored)
     return fit_method(method, pairs, sensors, dict(changes), seed)
+
+
+@lru_cache(maxsize=8)
+def _examples(data: Path, sensors: str, allowed: tuple[str, ...], seed: int, mirrored: bool) -> Examples:
+    return examples_of(training_pairs(takes_of(pooled(data), allowed), sensors, seed, mirrored), layout(sensors))
 
 
 def fit_method(
@@ -165,7 +172,7 @@ def _pairs_of_take(take: Take, sensors: str, seed: int, mirrored: bool) -> tuple
     motions = [take.motion, *([mirror_motion(take.motion)] if mirrored else [])]
     return tuple(
         pair_of_recording(
-            simulate_imus(motion, layout(sensors), WELL_MOUNTED, seed=_seed(take.source, seed, f"train {number}")),
+            simulate_imus(motion, layout(sensors), WELL_MOUNTED, seed=seed_of(take.source, seed, f"train {number}")),
             Behaviour(take.behaviour), take.person, take.take,
         )
         for number, motion in enumerate(motions)
@@ -175,7 +182,7 @@ def _pairs_of_take(take: Take, sensors: str, seed: int, mirrored: bool) -> tuple
 def sequence(question: Question, take: Take, faults: Sequence[Fault] = ()) -> Recording:
     """What the sensors say of a sequence, with noise, bias and errors of mounting."""
     recording = simulate_imus(
-        take.motion, layout(question.sensors), ImuNoise(), faults, seed=_seed(take.source, question.seed, "asked")
+        take.motion, layout(question.sensors), ImuNoise(), faults, seed=seed_of(take.source, question.seed, "asked")
     )
     return recording.cut(0, min(len(recording), question.limit))
 
@@ -228,5 +235,6 @@ def by_fold(plan: Plan, pool: Pool, takes: Sequence[Take]) -> list[tuple[Take, .
     return [fold for fold in folds if fold][: 1 if plan.quick else None]
 
 
-def _seed(source: str, seed: int, what: str) -> int:
+def seed_of(source: str, seed: int, what: str) -> int:
+    """A seed of its own for everything that is drawn."""
     return zlib.crc32(f"{source} {seed} {what}".encode())

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from poseloom.errors import MethodError, unknown_name
 from poseloom.methods.imus.baselines.driving import SignalComparator, WindowSettings, read_examples
 from poseloom.methods.imus.baselines.energy import EnergySettings, SparseAccelerometers
-from poseloom.methods.imus.baselines.examples import examples_of
+from poseloom.methods.imus.baselines.examples import Examples, examples_of
 from poseloom.methods.imus.baselines.motion_graph import GraphSettings, MotionGraph
 from poseloom.methods.imus.baselines.motion_primitives import MotionPrimitives, PrimitiveSettings
 from poseloom.methods.imus.baselines.nearest_window import NearestWindow, NearestWindowSettings
@@ -59,8 +59,13 @@ def fit_comparator(
     Raises:
         MethodError: for an unknown name or setting, no pairs, or pairs that do not fit the layout.
     """
+    return comparator_of(name, examples_of(pairs, layout), changes)
+
+
+def comparator_of(name: str, examples: Examples, changes: Mapping[str, Any] | None = None) -> SignalComparator[Any]:
+    """The same of examples that are made already."""
     comparator = _named(name)
-    return comparator.kind(examples_of(pairs, layout), _changed(comparator.settings, changes or {}))
+    return comparator.kind(examples, _changed(comparator.settings, changes or {}))
 
 
 def load_comparator(name: str, path: str | Path) -> SignalComparator[Any]:
