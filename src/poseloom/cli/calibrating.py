@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from poseloom.cli._progress import progress_bars
-from poseloom.cli.flex import add_fit_commands
 from poseloom.errors import PoseloomError
 
 if TYPE_CHECKING:
@@ -20,15 +19,6 @@ def register(app: typer.Typer) -> None:
     """Adds the commands."""
     app.command("calibrate")(calibrate_wearer)
     app.command("simulate-calibration")(simulate_calibration)
-    fit = typer.Typer(no_args_is_help=True, help="Fit models to data.")
-    fit.command("body-size")(fit_sizes)
-    add_fit_commands(fit)
-    fit.callback()(_fit)
-    app.add_typer(fit, name="fit")
-
-
-def _fit() -> None:
-    """Fit models to data."""
 
 
 def calibrate_wearer(
