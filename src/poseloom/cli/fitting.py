@@ -8,7 +8,6 @@ import typer
 from poseloom.cli._progress import progress_bars
 from poseloom.cli.calibrating import fit_sizes
 from poseloom.cli.flex import add_fit_commands
-from poseloom.cli.flex import add_fit_commands
 
 _Library = Annotated[Path, typer.Option("--library", "-l", help="Folder of a motion library.")]
 _Layout = Annotated[
