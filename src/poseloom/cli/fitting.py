@@ -34,7 +34,6 @@ def register(app: typer.Typer) -> None:
     add_fit_commands(fit)
     fit.command("phase-hmm")(fit_hmm)
     fit.command("phase-hmm-paper")(fit_hmm_of_the_paper)
-    add_fit_commands(fit)
     fit.callback()(_fit)
     app.add_typer(fit, name="fit")
 
