@@ -108,9 +108,9 @@ def benchmark_flex(
         Path | None,
         typer.Option(help="Folder for the library and checkpoints; a run that was killed goes on from there."),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Seeds of the within-sequence split.")] = 5,
-    subject_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the by-subject split.")] = 3,
-    length_seeds: Annotated[int, typer.Option(min=1, help="Seeds of each calibration length.")] = 2,
+    seeds: Annotated[int, typer.Option(min=1, help="Seeds of the within-sequence split.")] = 3,
+    subject_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the by-subject split.")] = 2,
+    length_seeds: Annotated[int, typer.Option(min=1, help="Seeds of each calibration length.")] = 1,
     json: Annotated[Path | None, typer.Option("--json", help="File for the figures as rows.")] = None,
     markdown: Annotated[
         Path | None, typer.Option("--markdown", help="Page to put the figures into, between its marks.")

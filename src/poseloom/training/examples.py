@@ -156,7 +156,7 @@ class Stretches(Examples):
         answers = np.zeros((len(chosen), self._length, angles), dtype=np.float32)
         weights = np.zeros((len(chosen), self._length, 1), dtype=np.float32)
         for row, number in enumerate(chosen):
-            piece = self._heard[number]
+            piece: Heard = self._heard[int(number)]
             first = int(generator.integers(max(1, len(piece.angles) - self._length + 1)))
             part = slice(first, first + self._length)
             count = len(piece.angles[part])

@@ -5,6 +5,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from poseloom.methods.flex.model_file import FlexModel, write_flex_model
 from poseloom.methods.flex.step_network import INPUTS, MemoryPart, StepNetwork
 from poseloom.training.fitting import Fitted
 from poseloom.training.networks import CHANNELS
-from poseloom.training.scales import _LEAST_LIVELINESS, _MIXED, _PAIRS, Scales, keep
+from poseloom.training.scales import LEAST_LIVELINESS, MIXED, PAIRS, Scales, keep
 
 _OPSET = 17
 
@@ -70,8 +71,8 @@ class ScalesStep(nn.Module):
         return (
             MemoryPart("means", (1, len(bank.means), CHANNELS)),
             MemoryPart("lively", (1, len(bank.liveliness), CHANNELS)),
-            MemoryPart("pairs", (1, len(_PAIRS))),
-            MemoryPart("mixed", (1, len(_MIXED))),
+            MemoryPart("pairs", (1, len(PAIRS))),
+            MemoryPart("mixed", (1, len(MIXED))),
             MemoryPart("hidden", (1, 1, self.hidden)),
             MemoryPart("told", (1, self.network.told.out_features)),
         )
@@ -86,12 +87,12 @@ class ScalesStep(nn.Module):
         moved, posture = values - means[:, bank.swift], values - means[:, bank.slow]
         lively = self._follow(lively, (moved * moved)[:, None], self.get_buffer("lively_stays"), again)
         together = torch.tensor(keep(bank.together))
-        pairs_now = torch.cat([posture[:, i : i + 1] * posture[:, j : j + 1] for i, j in _PAIRS], dim=1)
-        mixed_now = torch.cat([moved[:, i : i + 1] * posture[:, j : j + 1] for i, j in _MIXED], dim=1)
+        pairs_now = torch.cat([posture[:, i : i + 1] * posture[:, j : j + 1] for i, j in PAIRS], dim=1)
+        mixed_now = torch.cat([moved[:, i : i + 1] * posture[:, j : j + 1] for i, j in MIXED], dim=1)
         pairs = self._follow(pairs, pairs_now, together, fresh)
         mixed = self._follow(mixed, mixed_now, together, fresh)
         steps = (means[:, :-1] - means[:, 1:]).reshape(1, -1)
-        liveliness = torch.sqrt(lively + _LEAST_LIVELINESS).reshape(1, -1)
+        liveliness = torch.sqrt(lively + LEAST_LIVELINESS).reshape(1, -1)
         features = torch.cat(
             [sample, values - means[:, 0], steps, means[:, -1], liveliness, pairs, mixed], dim=1
         )  # fmt: skip
@@ -125,10 +126,10 @@ def to_step_network(module: WindowStep | ScalesStep) -> StepNetwork:
         # torch's newer exporter needs a further package; the older one warns that it is the older one.
         warnings.simplefilter("ignore")
         torch.backends.mha.set_fastpath_enabled(False)  # that fused layer has no counterpart in ONNX
-        torch.onnx.export(
+        torch.onnx.export(  # pyright: ignore[reportUnknownMemberType]
             module,
             (torch.zeros(1, INPUTS), torch.zeros(1), *memory),
-            file,
+            cast(Any, file),  # the older exporter writes to streams, too
             input_names=["sample", "fresh", *(part.name for part in parts)],
             output_names=["angles", "spread", *(f"next_{part.name}" for part in parts)],
             opset_version=_OPSET,

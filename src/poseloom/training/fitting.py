@@ -27,6 +27,7 @@ from poseloom.training.networks import (
 from poseloom.training.scales import BankSettings, Scales, bank_series
 from poseloom.training.sessions import Session, mirrored
 from poseloom.training.splits import Divided, Part, Piece
+from poseloom.training.tensors import seed_torch, tensor
 
 Inputs = Floats32[Array, "_ inputs"]
 TrainingSets = Sequence[tuple[Sequence[Session], Sequence[Inputs]]]
@@ -89,7 +90,7 @@ def paper_settings(kind: Kind = Kind.BILSTM_C, hidden: int = 512, window: int = 
     return FitSettings(NetworkSettings(kind, window, hidden), LoopSettings(half=True))
 
 
-def scales_settings(epochs: int = 30, hidden: int = 192) -> FitSettings:
+def scales_settings(epochs: int = 20, hidden: int = 192) -> FitSettings:
     """Our network."""
     return FitSettings(
         NetworkSettings(Kind.GRU, window=0, hidden=hidden),
@@ -104,7 +105,7 @@ def scales_settings(epochs: int = 30, hidden: int = 192) -> FitSettings:
 
 def make_network(settings: NetworkSettings, seed: int) -> nn.Module:
     """A network with first weights from a seed."""
-    torch.manual_seed(seed)
+    seed_torch(seed)
     makers: Mapping[Kind, Callable[[], nn.Module]] = {
         Kind.BILSTM: partial(BiLstm, settings, ANGLES),
         Kind.BILSTM_C: partial(BiLstm, settings, ANGLES),
@@ -218,12 +219,12 @@ def smoothed(fitted: Fitted, told: Floats[Array, "frames angles"]) -> Floats[Arr
     network = fitted.network
     if not isinstance(network, Scales):
         return median(told)
-    return network.smooth(torch.from_numpy(told)).numpy()
+    return network.smooth(tensor(told)).numpy()
 
 
 def median(told: Floats[Array, "frames angles"]) -> Floats[Array, "frames angles"]:
     """The paper's median of three, causal."""
-    return median_of_three(torch.from_numpy(told)).numpy()
+    return median_of_three(tensor(told)).numpy()
 
 
 def _window(settings: NetworkSettings) -> int:
@@ -249,7 +250,7 @@ def _told(
 ) -> Floats[Array, "answers angles"]:
     if isinstance(network, Scales):
         with torch.inference_mode():
-            told = network(torch.from_numpy(taken)[None])[0][0]
+            told = network(tensor(taken)[None])[0][0]
         return told[before::stride].numpy().astype(np.float64)
     ends = np.arange(before, len(taken), stride)
     rows = np.maximum(ends[:, None] + np.arange(1 - _window(settings.network), 1), 0)
@@ -260,9 +261,8 @@ def held_out_takes(sessions: Sequence[Session], share: float, seed: int) -> Divi
     """Trains on all but a seeded share of the recorded takes, which validate; nothing is left for a test."""
     takes = sorted({take.take for session in sessions for take in session.takes})
     generator = np.random.default_rng([seed, 7])
-    chosen = (
-        set(generator.choice(takes, size=max(1, round(share * len(takes))), replace=False)) if len(takes) > 1 else set()
-    )
+    count = max(1, round(share * len(takes))) if len(takes) > 1 else 0
+    chosen: set[str] = {takes[int(index)] for index in generator.permutation(len(takes))[:count]}
     whole = [
         (Piece(index, take, take.start, take.start, take.stop), take.take in chosen)
         for index, session in enumerate(sessions)

@@ -17,6 +17,7 @@ from poseloom.arrays import Array, Floats, Floats32
 from poseloom.errors import FormatError
 from poseloom.formats.atomic import atomic_file
 from poseloom.training.examples import Batch, Examples
+from poseloom.training.tensors import seed_torch, tensor
 
 Loss = Callable[[nn.Module, Batch], Tensor]
 """What a batch costs."""
@@ -93,7 +94,7 @@ def train(
     Raises:
         FormatError: if the checkpoint is another training's, or damaged.
     """
-    optimiser = torch.optim.AdamW(network.parameters(), settings.rate, weight_decay=settings.weight_decay)
+    optimiser = torch.optim.AdamW(network.parameters(), settings.rate, weight_decay=settings.weight_decay, fused=True)
     losses: list[float] = []
     errors: list[float] = []
     best: dict[str, Any] = {}
@@ -130,8 +131,8 @@ def stalled(errors: Sequence[float], patience: int, gain: float) -> bool:
 
 def squared_loss(network: nn.Module, batch: Batch) -> Tensor:
     """Mean squared error of the angles (equation 3, with the prediction where it names the sensor reading)."""
-    told = network(torch.from_numpy(batch.inputs))
-    return (told.float() - torch.from_numpy(batch.angles)[:, 0]).square().mean()
+    told = network(tensor(batch.inputs))
+    return (told.float() - tensor(batch.angles)[:, 0]).square().mean()
 
 
 def laplace_loss(network: nn.Module, batch: Batch, speed: float = 0.0) -> Tensor:
@@ -144,8 +145,8 @@ def laplace_loss(network: nn.Module, batch: Batch, speed: float = 0.0) -> Tensor
         batch: Stretches.
         speed: Weight of the errors of the angles' differences from frame to frame.
     """
-    told, doubt = network(torch.from_numpy(batch.inputs))
-    truth, weights = torch.from_numpy(batch.angles), torch.from_numpy(batch.weights)
+    told, doubt = network(tensor(batch.inputs))
+    truth, weights = tensor(batch.angles), tensor(batch.weights)
     off = (told - truth).abs()
     cost = off + 0.1 * (off.detach() * torch.exp(-doubt) + doubt)
     count = weights.sum() * truth.shape[-1]
@@ -159,9 +160,7 @@ def laplace_loss(network: nn.Module, batch: Batch, speed: float = 0.0) -> Tensor
 def tell(network: nn.Module, inputs: Floats32[Array, "batch frames inputs"]) -> Floats[Array, "batch angles"]:
     """What a network of windows tells of many."""
     with torch.inference_mode():
-        parts = [
-            network(torch.from_numpy(part)).float().numpy() for part in np.array_split(inputs, len(inputs) // 4096 + 1)
-        ]
+        parts = [network(tensor(part)).float().numpy() for part in np.array_split(inputs, len(inputs) // 4096 + 1)]
     return np.concatenate(parts).astype(np.float64)
 
 
@@ -174,7 +173,7 @@ def _epoch(
     seed: Sequence[int],
 ) -> float:
     generator = np.random.default_rng(seed)
-    torch.manual_seed(int(generator.integers(2**31)))
+    seed_torch(int(generator.integers(2**31)))
     network.train()
     order = examples.order(generator)
     total = 0.0

@@ -9,18 +9,23 @@ computes it once; live it is a memory of some dozen numbers a channel.
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
-from scipy.signal import lfilter
+from scipy.signal import lfilter  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 from torch import Tensor, nn
 
 from poseloom.arrays import Array, Floats, Floats32
+from poseloom.training.tensors import tensor
 
 CHANNELS = 4
-_PAIRS = [(i, j) for i in range(CHANNELS) for j in range(i, CHANNELS)]
-_MIXED = [(i, j) for i in range(CHANNELS) for j in range(CHANNELS) if i != j]
-_LEAST_LIVELINESS = 1e-6
+PAIRS = tuple((i, j) for i in range(CHANNELS) for j in range(i, CHANNELS))
+"""Channels whose postures are multiplied."""
+MIXED = tuple((i, j) for i in range(CHANNELS) for j in range(CHANNELS) if i != j)
+"""Channels of which the one's movement and the other's posture are multiplied."""
+LEAST_LIVELINESS = 1e-6
+"""What is added to a mean square before its root is taken."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class BankSettings:
     @property
     def features(self) -> int:
         """Numbers that come out a sample."""
-        return CHANNELS * (3 + len(self.means) + len(self.liveliness)) + len(_PAIRS) + len(_MIXED)
+        return CHANNELS * (3 + len(self.means) + len(self.liveliness)) + len(PAIRS) + len(MIXED)
 
 
 def keep(scale: float) -> float:
@@ -57,9 +62,9 @@ def bank_series(inputs: Floats32[Array, "frames inputs"], settings: BankSettings
     values = inputs[:, :CHANNELS].astype(np.float64)
     means = [_mean(values, scale) for scale in settings.means]
     moved, posture = values - means[settings.swift], values - means[settings.slow]
-    lively = [np.sqrt(_mean(moved**2, scale) + _LEAST_LIVELINESS) for scale in settings.liveliness]
-    pairs = np.stack([posture[:, i] * posture[:, j] for i, j in _PAIRS], axis=1)
-    mixed = np.stack([moved[:, i] * posture[:, j] for i, j in _MIXED], axis=1)
+    lively = [np.sqrt(_mean(moved**2, scale) + LEAST_LIVELINESS) for scale in settings.liveliness]
+    pairs = np.stack([posture[:, i] * posture[:, j] for i, j in PAIRS], axis=1)
+    mixed = np.stack([moved[:, i] * posture[:, j] for i, j in MIXED], axis=1)
     parts = [
         *(values, inputs[:, CHANNELS:], values - means[0]),
         *(swift - slow for swift, slow in pairwise(means)),
@@ -70,7 +75,8 @@ def bank_series(inputs: Floats32[Array, "frames inputs"], settings: BankSettings
 
 def _mean(series: Floats[Array, "frames columns"], scale: float) -> Floats[Array, "frames columns"]:
     stays = keep(scale)
-    return np.asarray(lfilter([1 - stays], [1, -stays], series, axis=0, zi=stays * series[:1])[0])
+    filtered: Any = lfilter([1 - stays], [1, -stays], series, axis=0, zi=stays * series[:1])
+    return np.asarray(filtered[0])
 
 
 class Scales(nn.Module):
@@ -92,7 +98,7 @@ class Scales(nn.Module):
         self.drop = nn.Dropout(drop)
         self.told = nn.Linear(hidden, angles)
         self.doubt = nn.Linear(hidden, angles)
-        self.smoothing = 2.0
+        self.smoothing = 1.0
         nn.init.zeros_(self.told.weight)
         nn.init.zeros_(self.doubt.weight)
         nn.init.constant_(self.doubt.bias, math.log(0.15))
@@ -100,9 +106,9 @@ class Scales(nn.Module):
     def begin_at(self, features: Floats32[Array, "frames features"], angles: Floats32[Array, "frames angles"]) -> None:
         """Sets what features are measured in, and the mean pose, from which learning begins."""
         with torch.no_grad():
-            self.get_buffer("centre").copy_(torch.from_numpy(features.mean(axis=0)))
-            self.get_buffer("scale").copy_(torch.from_numpy(features.std(axis=0) + np.float32(1e-3)))
-            self.told.bias.copy_(torch.from_numpy(angles.mean(axis=0)))
+            self.get_buffer("centre").copy_(tensor(features.mean(axis=0)))
+            self.get_buffer("scale").copy_(tensor(features.std(axis=0) + np.float32(1e-3)))
+            self.told.bias.copy_(tensor(angles.mean(axis=0)))
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Angles before smoothing, and the logarithm of their mean absolute error; both `(batch, frames, angles)`."""

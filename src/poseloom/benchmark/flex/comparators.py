@@ -21,7 +21,7 @@ LAGS: tuple[tuple[int, ...], ...] = (
 """Which samples back from now a window holds: the networks' five; half a second; two seconds, coarser the older."""
 NEIGHBOURS = (8, 32, 128)
 PENALTIES = (1.0, 100.0, 10000.0)
-_STRIDE = 2
+_STRIDE = 8
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
 """What ageing, a failed channel and another sensor do to contestants that were fitted already."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.benchmark.flex.material import NEW_SUITS, PLAIN, Inputs, Material
-from poseloom.benchmark.flex.scoring import Teller, pooled, score_pieces
+from poseloom.benchmark.flex.scoring import PieceScore, Teller, pooled, score_pieces
 from poseloom.evaluation.rows import Row
 from poseloom.sensors import layout
 from poseloom.sensors.flex_range import FlexRange
@@ -23,8 +23,6 @@ _AFTER = ((0.0, 5.0), (5.0, 30.0), (30.0, float("inf")))
 """Seconds since another sensor was put on."""
 _MINUTES_OF_FAULTS = 20.0
 _NOISE_COUNTS = 300.0
-
-Spoil = Callable[[Floats[Array, "frames channels"], int], Floats[Array, "frames channels"]]
 
 
 def ageing_rows(
@@ -92,7 +90,7 @@ def replacement_rows(material: Material, split: str, tellers: Mapping[str, Telle
     return rows
 
 
-def _test(material: Material, split: str, tell: Teller, inputs: Sequence[Inputs]):
+def _test(material: Material, split: str, tell: Teller, inputs: Sequence[Inputs]) -> tuple[PieceScore, ...]:
     return score_pieces(material.sessions, material.divided(split).test, inputs, tell)
 
 
@@ -110,21 +108,25 @@ def _by_session(material: Material, heard: Mapping[int, Inputs]) -> Sequence[Inp
 
 
 def _spoilt(material: Material, fault: str, channel: int) -> Sequence[Inputs]:
-    spoil = {
-        "none": lambda counts: counts,
-        "silent": lambda counts: np.full_like(counts, np.nan),
-        "stuck": lambda counts: np.full_like(counts, np.nanmedian(counts)),
-        "saturated": lambda counts: np.full_like(counts, PLAIN.sensors.board.top),
-        "noisy": lambda counts: np.clip(
-            counts + _NOISE_COUNTS * np.random.default_rng(0).standard_normal(len(counts)), 1.0, 4094.0
-        ),
-    }[fault]
     heard: list[Inputs] = []
     for index in range(len(material.sessions)):
         counts = _counts(material, index)
-        counts[:, channel] = spoil(counts[:, channel])
+        counts[:, channel] = _spoil(fault, counts[:, channel])
         heard.append(_hear(material, index, counts))
     return heard
+
+
+def _spoil(fault: str, counts: Floats[Array, "frames"]) -> Floats[Array, "frames"]:
+    if fault == "silent":
+        return np.full_like(counts, np.nan)
+    if fault == "stuck":
+        return np.full_like(counts, np.nanmedian(counts))
+    if fault == "saturated":
+        return np.full_like(counts, PLAIN.sensors.board.top)
+    if fault == "noisy":
+        noise = np.random.default_rng(0).standard_normal(len(counts))
+        return np.clip(counts + _NOISE_COUNTS * noise, 1.0, PLAIN.sensors.board.top - 1)
+    return counts
 
 
 def _replaced(

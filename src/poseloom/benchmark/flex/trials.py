@@ -52,10 +52,10 @@ class Effort:
         our_hidden: Units of its GRU.
     """
 
-    epochs: int = 16
-    stride: int = 4
-    hidden: int = 256
-    our_epochs: int = 40
+    epochs: int = 10
+    stride: int = 16
+    hidden: int = 128
+    our_epochs: int = 12
     our_hidden: int = 192
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, cast
 
 import numpy as np
@@ -88,8 +89,7 @@ class StepNetwork:
 
 
 def _open(graph: bytes) -> Any:
-    import onnxruntime
-
+    onnxruntime = cast(Any, import_module("onnxruntime"))  # takes long to load, and only these methods need it
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
