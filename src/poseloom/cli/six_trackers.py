@@ -50,7 +50,7 @@ def libraries(
     from poseloom.benchmark.six_trackers.subset import build_libraries
 
     with progress_bars() as show:
-        small, large = build_libraries(_recordings(data), out, seed, workers, replace, show)
+        small, large = build_libraries(recordings_of(data), out, seed, workers, replace, show)
     typer.echo(f"{small}\n{large}")
 
 
@@ -78,7 +78,8 @@ def sweep(
     from poseloom.evaluation.rows import write_results
 
     with progress_bars() as show:
-        tried, results = run(library, _recordings(data), SweepPlan(rounds, trials, limit, seed, workers=workers), show)
+        folder = recordings_of(data)
+        tried, results = run(library, folder, SweepPlan(rounds, trials, limit, seed, workers=workers), show)
     table = Table("method", "best of", "what differs from its settings", "degrees", "jitter / truth's", "step, ms")
     for method in SPACES:
         own = [each for each in tried if each.method == method]
@@ -135,7 +136,7 @@ def six_trackers(
     from poseloom.evaluation.rows import write_results
     from poseloom.formats.atomic import atomic_file
 
-    recordings, conditions = _recordings(data), Conditions(seed=seed)
+    recordings, conditions = recordings_of(data), Conditions(seed=seed)
     for name in part or ():
         if name not in PARTS:
             raise unknown_name("part", name, PARTS)
@@ -166,7 +167,8 @@ def six_trackers(
             file.write_text(error_curves_svg(outcome.curves), encoding="utf-8")
 
 
-def _recordings(data: Path | None) -> Path:
+def recordings_of(data: Path | None) -> Path:
+    """The folder of the recordings. Raises PoseloomError where none was given or there is none."""
     if data is None or not data.is_dir():
         raise PoseloomError(
             "no folder of recordings was given" if data is None else "no such folder",
