@@ -1,0 +1,303 @@
+"""Where the hips are: turned as an IMU on them says, carried by the legs that stand; without an IMU only their height.
+
+Four bends say nothing of how the hips are turned, and the flex paper borrows that from the truth. Here one IMU on the
+hips tells it (VQF, Laidig and Seel 2023, without a magnetometer: the heading is relative to the first sample and may
+drift). The root's path comes from the legs: what stands on the floor stays where it is.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from vqf import VQF  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+
+from poseloom.arrays import Array, Floats, frozen_float
+from poseloom.errors import MethodError
+from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
+from poseloom.rotations import (
+    heading_angle,
+    heading_matrix,
+    matrix_from_quat,
+    nearest_branch,
+    quat_from_matrix,
+    rotvec_from_matrix,
+)
+from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout
+from poseloom.skeleton.contacts import sole_points
+from poseloom.skeleton.kinematics import forward_kinematics
+from poseloom.skeleton.motion import Pose
+from poseloom.skeleton.skeleton import Skeleton
+
+Inner = TypeVar("Inner")
+
+_R_WORLD_VQF = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""VQF's world has its z axis up, ours its y axis."""
+
+_GRAVITY = 9.80665
+_FIRST_STEP = 0.01
+"""Seconds that the first sample of an IMU stands for."""
+
+_LONGEST_STEP = 0.2
+"""Seconds: over a longer silence of the IMU the hips' turn is not carried on."""
+
+
+@dataclass(frozen=True)
+class RootSettings:
+    """How the root is carried.
+
+    Attributes:
+        softness_m: Points of the soles share the standing by `exp(-height / softness)`: no step when one takes over ...
+        softness_m_s: ... and by how far the root's speed that each tells lies from the last one (Gaussian): near the
+            floor a swinging foot is told from a standing one by that.
+        speed_s: Time constant of the root's speed, seconds.
+        tilt_rad: Spread of the hips' tilt with an IMU.
+        heading_rad: Spread of their heading with an IMU, at first ...
+        heading_rad_s: ... and by how much it grows a second.
+        height_m: Spread of the root's height: feet are taken to stand on a level floor.
+        path_share: Spread of the root's place as a share of the way walked.
+        upright_s: Seconds for which the hips are taken to have stood upright before the first sample.
+        unobserved_rad: Spread of the hips' turn without an IMU.
+        unobserved_m: Spread of the root's place without an IMU.
+    """
+
+    softness_m: float = 0.015
+    softness_m_s: float = 0.3
+    speed_s: float = 0.1
+    tilt_rad: float = 0.06
+    heading_rad: float = 0.05
+    heading_rad_s: float = 0.002
+    height_m: float = 0.05
+    path_share: float = 0.2
+    upright_s: float = 0.4
+    unobserved_rad: float = 1.0
+    unobserved_m: float = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class HipsTurn:
+    """What the IMU has told so far.
+
+    Attributes:
+        filter: VQF's state; None before the first sample.
+        heading: Angle about the world's up axis by which the first sample's heading is taken away.
+        R_world_hips: How the hips are turned.
+        time: Device time of the last sample, seconds.
+        since: Seconds since the first one.
+    """
+
+    filter: Mapping[str, Any] | None
+    heading: float
+    R_world_hips: Floats[Array, "3 3"]
+    time: float
+    since: float
+
+
+def turn_hips(
+    turn: HipsTurn, sample: Sample, sensor: int, R_bone_sensor: Floats[Array, "3 3"], upright_s: float = 0.0
+) -> HipsTurn:
+    """Takes in one sample of the IMU on the hips (VQF, 6D); a missing one leaves the hips as they are.
+
+    Args:
+        turn: What was known before.
+        sample: What the sensors say.
+        sensor: Which of them is the IMU.
+        R_bone_sensor: How it sits on the hips.
+        upright_s: Seconds for which the hips are taken to have stood upright before the first sample. Who begins in
+            the middle of a step is accelerated, and a first accelerometer reading alone would tilt the hips by 20
+            degrees and more.
+    """
+    rate, force = sample.angular_rates[sensor], sample.specific_forces[sensor]
+    if not (np.isfinite(rate).all() and np.isfinite(force).all()):
+        return turn
+    step = sample.time - turn.time if turn.filter is not None else _FIRST_STEP
+    orientation: Any = VQF(float(min(step, _LONGEST_STEP)))  # its step is fixed; what it knows is handed on
+    if turn.filter is not None:
+        orientation.state = dict(turn.filter)
+    else:
+        upright = np.ascontiguousarray(R_bone_sensor.T @ np.array([0.0, _GRAVITY, 0.0]))
+        for _ in range(round(upright_s / _FIRST_STEP)):
+            orientation.update(np.zeros(3), upright)
+    orientation.update(np.ascontiguousarray(rate), np.ascontiguousarray(force))
+    R_world_bone = _R_WORLD_VQF @ matrix_from_quat(orientation.getQuat6D()) @ R_bone_sensor.T
+    heading = float(heading_angle(quat_from_matrix(R_world_bone))) if turn.filter is None else turn.heading
+    return HipsTurn(
+        orientation.state,
+        heading,
+        heading_matrix(np.asarray(-heading)) @ R_world_bone,
+        sample.time,
+        turn.since + (step if turn.filter is not None else 0.0),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RootState(Generic[Inner]):
+    """What changes as samples come.
+
+    Attributes:
+        inner: The state of the method that tells the joints' angles.
+        skeleton: The wearer's.
+        R_bone_sensor: How the IMU sits on the hips; None without one.
+        turn: What it has told.
+        soles: Places of the soles' four points relative to the root in the last frame, metres, world axes; None before.
+        root: The root's place in the last frame.
+        speed: How fast it goes on the level, smoothed, metres a second.
+        time: Device time of the last frame, seconds.
+        walked: Metres that it went, on the level.
+        rotvec: The hips' rotation vector in the last frame: the next one stays on its branch.
+    """
+
+    inner: Inner
+    skeleton: Skeleton
+    R_bone_sensor: Floats[Array, "3 3"] | None
+    turn: HipsTurn
+    soles: Floats[Array, "4 3"] | None
+    root: Floats[Array, "3"]
+    speed: Floats[Array, "3"]
+    time: float
+    walked: float
+    rotvec: Floats[Array, "3"]
+
+
+class OnItsFeet(Reconstructor[RootState[Inner]]):
+    """A method that tells joint angles from flex sensors, put on its feet.
+
+    With an IMU on the hips these turn as it says and the root goes where the standing soles leave it. Without one the
+    hips stay upright and face ahead, only the height follows the lower foot, and the spread says that nothing else is
+    known.
+
+    Args:
+        method: Tells the joints' angles; listens to flex sensors only.
+        layout: These flex sensors, and perhaps an IMU on the hips.
+        settings: How the root is carried.
+
+    Raises:
+        MethodError: if the layout has other sensors.
+    """
+
+    def __init__(
+        self,
+        method: Reconstructor[Inner],
+        layout: SensorLayout,
+        settings: RootSettings = RootSettings(),
+    ) -> None:
+        names = [layout.names[i] for i in layout.of_kind(SensorKind.FLEX)]
+        imus = layout.of_kind(SensorKind.IMU)
+        if names != list(method.layout.names) or len(names) + len(imus) != len(layout):
+            raise MethodError(
+                f"the method listens to the layout {method.layout.name!r}, the recording has {layout.name!r}",
+                remedy="Choose flex-four or flex-four+hips-imu",
+            )
+        if len(imus) > 1 or any(layout.sensors[i].bone != "hips" for i in imus):
+            raise MethodError(f"layout {layout.name!r} has other IMUs than one on the hips", remedy="Leave them out")
+        self.method, self.layout, self.settings = method, layout, settings
+        self.delay = method.delay
+        self._flex = list(layout.of_kind(SensorKind.FLEX))
+        self._imu = imus[0] if imus else None
+
+    def start(self, skeleton: Skeleton, placements: Sequence[Placement]) -> RootState[Inner]:
+        """The state before the first sample."""
+        return RootState(
+            self.method.start(skeleton, [placements[i] for i in self._flex]),
+            skeleton,
+            None if self._imu is None else placements[self._imu].R_bone_sensor,
+            HipsTurn(None, 0.0, np.eye(3), 0.0, 0.0),
+            None,
+            np.zeros(3),
+            np.zeros(3),
+            0.0,
+            0.0,
+            np.zeros(3),
+        )
+
+    def step(self, state: RootState[Inner], sample: Sample) -> tuple[RootState[Inner], Frame | None]:
+        """Takes in one sample; changes neither argument."""
+        inner, frame = self.method.step(state.inner, _part(sample, self._flex))
+        turn, silent = state.turn, False
+        if self._imu is not None and state.R_bone_sensor is not None:
+            turn = turn_hips(state.turn, sample, self._imu, state.R_bone_sensor, self.settings.upright_s)
+            silent = turn is state.turn
+        state = replace(state, inner=inner, turn=turn)
+        if frame is None:
+            return state, None
+        state, pose = self._placed(state, frame.pose, frame.time)
+        health = _with_hips(frame.health, self.layout.names[self._imu]) if self._imu is not None and silent else None
+        return state, replace(frame, pose=pose, spread=self._spread(state, frame.spread), health=health or frame.health)
+
+    def _placed(self, state: RootState[Inner], pose: Pose, time: float) -> tuple[RootState[Inner], Pose]:
+        """The pose with its hips turned and its root where the soles leave it."""
+        turned = rotvec_from_matrix(state.turn.R_world_hips)
+        rotvec = nearest_branch(turned[None], state.rotvec[None])[0]
+        q = pose.q.copy()
+        q[:3], q[3:6] = 0.0, rotvec
+        soles = _soles(state.skeleton, q)
+        root, speed = state.root.copy(), state.speed
+        heights = soles[:, 1] - soles[:, 1].min()
+        standing = np.exp(-heights / self.settings.softness_m)
+        step = time - state.time
+        if self._imu is not None and state.soles is not None and step > 0:
+            ways = state.soles - soles
+            ways[:, 1] = 0.0
+            off = np.linalg.norm(ways / step - speed, axis=1) / self.settings.softness_m_s
+            standing *= np.exp(-0.5 * (off - off.min()) ** 2)
+            way = standing @ ways / standing.sum()
+            root += way
+            speed = speed + (way / step - speed) * -np.expm1(-step / self.settings.speed_s)
+        standing /= standing.sum()
+        root[1] = -(standing @ soles[:, 1])
+        walked = state.walked + float(np.hypot(root[0] - state.root[0], root[2] - state.root[2]))
+        q[:3] = root
+        after = replace(state, soles=soles, root=root, speed=speed, time=time, walked=walked, rotvec=rotvec)
+        return after, Pose(state.skeleton, frozen_float(q))
+
+    def _spread(self, state: RootState[Inner], spread: Floats[Array, "dofs"]) -> Floats[Array, "dofs"]:
+        settings, told = self.settings, spread.copy()
+        if self._imu is None:
+            told[:6] = [settings.unobserved_m, settings.height_m, settings.unobserved_m, *3 * [settings.unobserved_rad]]
+            return frozen_float(told)
+        path = 0.02 + settings.path_share * state.walked
+        heading = settings.heading_rad + settings.heading_rad_s * state.turn.since
+        told[:6] = [path, settings.height_m, path, settings.tilt_rad, heading, settings.tilt_rad]
+        return frozen_float(told)
+
+
+def _soles(skeleton: Skeleton, q: Floats[Array, "dofs"]) -> Floats[Array, "4 3"]:
+    """World places of left heel, left toe, right heel and right toe."""
+    frames = forward_kinematics(skeleton, q)
+    places = np.empty((4, 3))
+    for row, side in ((0, "left"), (2, "right")):
+        points = sole_points(skeleton, side)
+        for at, (bone, local) in enumerate(((f"{side}Foot", points.heel), (f"{side}Toes", points.toe))):
+            joint = skeleton.index(bone)
+            places[row + at] = frames.positions[joint] + frames.rotations[joint] @ local
+    return places
+
+
+def _part(sample: Sample, sensors: list[int]) -> Sample:
+    """What some of the sensors say."""
+    return Sample(
+        sample.time,
+        sample.arrival,
+        sample.positions[sensors],
+        sample.quats_wxyz[sensors],
+        sample.specific_forces[sensors],
+        sample.angular_rates[sensors],
+        sample.counts[sensors],
+        sample.status[sensors],
+    )
+
+
+def _with_hips(health: Health, name: str) -> Health:
+    state = HealthState.DEGRADED if health.state is HealthState.OK else health.state
+    return Health(state, (*health.sensors, name))
+
+
+def on_its_feet(method: Reconstructor[Any], layout: SensorLayout) -> Reconstructor[Any]:
+    """A method that listens to flex sensors only, put on its feet for a layout that has them; any other as it is.
+
+    Raises:
+        MethodError: for a layout that has other flex sensors, or other sensors besides than an IMU on the hips.
+    """
+    if len(method.layout.of_kind(SensorKind.FLEX)) < len(method.layout):
+        return method
+    return OnItsFeet(method, layout)
