@@ -23,6 +23,7 @@ from poseloom.benchmark.six_trackers.sequences import (
 from poseloom.benchmark.six_trackers.trials import Trial, opened, run_trial
 from poseloom.evaluation.cases import Case, Conditions
 from poseloom.evaluation.rows import Results, Row, motions_digest
+from poseloom.library.features import FeatureSettings
 from poseloom.library.pool import in_order
 from poseloom.methods import METHODS
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematicsSettings
@@ -43,6 +44,7 @@ _NEIGHBOURS = {
     "persistence": (0.0, 0.2, 0.3, 0.4, 0.5),
     **_FLOORS,
     "query": ("history", "history+sensors"),
+    "history": (1, 2, 3, 5),
 }
 _REGRESSION = {
     "energy": (0.8, 0.9, 0.95, 0.97, 0.99),
@@ -52,6 +54,14 @@ _REGRESSION = {
 
 SPACES: Mapping[str, Mapping[str, tuple[Any, ...]]] = MappingProxyType(
     {
+        "local-filter": {
+            **{name: values for name, values in _NEIGHBOURS.items() if name != "persistence"},
+            "shrinkage": (0.0, 0.1, 0.2, 0.3, 0.5, 0.7),
+            "memory": (2.0, 4.0, 8.0, 14.0),
+            "drift_scale": (1.0, 2.0, 3.0, 4.0, 6.0),
+            "drift_shrinkage": (0.3, 0.5, 0.6, 0.7, 0.9),
+            "drift_floor": tuple(math.radians(value) for value in (0.1, 0.2, 0.4)),
+        },
         "local-gaussian": {**_NEIGHBOURS, "shrinkage": (0.0, 0.1, 0.2, 0.3, 0.5, 0.7)},
         "local-regression": {**_NEIGHBOURS, **_REGRESSION},
         "local-pcr": {**_NEIGHBOURS, **_REGRESSION},
@@ -235,15 +245,15 @@ def own_setting(method: str) -> dict[str, Any]:
         return {name: getattr(InverseKinematicsSettings(), name) for name in SPACES[method]}
     parts = (kind.default_model, kind.default_neighbours)
     own = {name: getattr(part, name) for part in parts for name in SPACES[method] if hasattr(part, name)}
-    return own | {"query": str(kind.default_query)}
+    return own | {"query": str(kind.default_query), "history": FeatureSettings().history}
 
 
 def in_words(setting: Setting) -> str:
     """A setting for people: angles in degrees, places in mm."""
 
     def told(name: str, value: Any) -> str:
-        if name == "angle_floor":
-            return f"angle floor {math.degrees(value):g}°"
+        if name in ("angle_floor", "drift_floor"):
+            return f"{name.replace('_', ' ')} {math.degrees(value):g}°"
         if name == "place_floor":
             return f"place floor {1e3 * value:g} mm"
         return (

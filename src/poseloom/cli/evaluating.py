@@ -53,7 +53,7 @@ def evaluate(
 ) -> None:
     """Measure how far methods are from the truth, with the sequence itself left out of the library.
 
-    Example: poseloom evaluate sample:walk -m local-gaussian -m inverse-kinematics -l lib --report walk.html
+    Example: poseloom evaluate sample:walk -m local-filter -m inverse-kinematics -l lib --report walk.html
     """
     from math import radians
 
@@ -69,7 +69,7 @@ def evaluate(
     for output in (json, report):
         _check_output(output)
     conditions = Conditions(layout, TrackerNoise(position_m=noise_mm / 1e3, orientation_rad=radians(noise_deg)), seed)
-    methods = tuple(dict.fromkeys(method or ("local-gaussian", "inverse-kinematics")))
+    methods = tuple(dict.fromkeys(method or ("local-filter", "inverse-kinematics")))
     experiment = Experiment(methods, library, split_named(split), conditions, workers or os.cpu_count() or 1)
     with progress_bars() as show:
         cases = read_cases(clips, conditions, skeleton, lambda done, total: show("reading motions", done, total))

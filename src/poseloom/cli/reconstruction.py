@@ -22,7 +22,7 @@ def register(app: typer.Typer) -> None:
 def reconstruct_recording(
     recording: Annotated[Path, typer.Argument(help="What the sensors said (.mcap).", metavar="REC")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The motion: .bvh, .glb or .npz.")],
-    method: Annotated[str, typer.Option("--method", "-m", help="How; see `poseloom methods`.")] = "local-gaussian",
+    method: Annotated[str, typer.Option("--method", "-m", help="How; see `poseloom methods`.")] = "local-filter",
     library: Annotated[Path | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
     model: Annotated[Path | None, typer.Option("--model", help="A fitted model, from `poseloom fit`.")] = None,
     calibration: Annotated[

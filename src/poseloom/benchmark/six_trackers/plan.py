@@ -10,7 +10,7 @@ from poseloom.evaluation.cases import Conditions
 Progress = Callable[[str, int, int], None]
 """Called with the name of what is being done, and how many of how many are."""
 
-OURS = "local-gaussian"
+OURS = "local-filter"
 PAPERS = "local-regression"
 
 
@@ -36,7 +36,8 @@ CONTESTANTS = (
     Contestant("local-pcr", "local-pcr"),
     Contestant("local-regression", PAPERS),
     Contestant("local-regression, history query", PAPERS, {"query": "history"}),
-    Contestant("local-gaussian", OURS),
+    Contestant("local-gaussian", "local-gaussian"),
+    Contestant("local-filter", OURS),
 )
 """Every method with its tuned settings, and the paper's once more with the query that the paper has."""
 

@@ -83,8 +83,9 @@ def gate(
     taken = said & ~silenced[:, None]
     back = taken & ((trust.missing != 0) | (far & ~silenced)[:, None])
     gaps = rotvec_from_matrix(turns @ np.swapaxes(readings.rotations, -1, -2))
-    place_offsets = np.where(back[:, :1], places - readings.positions, trust.place_offsets) * settings.fading
-    turn_offsets = np.where(back[:, 1:], gaps, trust.turn_offsets) * settings.fading
+    place_offsets = np.where(back[:, :1], places - readings.positions, trust.place_offsets)
+    place_offsets = _faded(place_offsets, settings.fading, settings.glide_position)
+    turn_offsets = _faded(np.where(back[:, 1:], gaps, trust.turn_offsets), settings.fading, settings.glide_orientation)
     positions = readings.positions + place_offsets
     rotations = matrix_from_rotvec(turn_offsets) @ readings.rotations
     missing = np.where(taken, 0, np.where(trust.missing < 0, -1, trust.missing + 1))
@@ -95,6 +96,12 @@ def gate(
     rotations = np.where(taken[:, 1, None, None], rotations, turns)
     following = Trust(doubted * silenced, missing, positions, rotations, steps, place_offsets, turn_offsets)
     return Gated(_held(positions, rotations, readings.sigmas, missing, settings), taken, following)
+
+
+def _faded(offsets: Floats[Array, "sensors 3"], fading: float, most: float) -> Floats[Array, "sensors 3"]:
+    """What is left of offsets after one more sample, in which none shrinks by more than `most`."""
+    sizes = np.sqrt((offsets**2).sum(axis=1, keepdims=True))
+    return offsets * np.maximum(fading, 1.0 - most / np.maximum(sizes, 1e-12))
 
 
 def _far(

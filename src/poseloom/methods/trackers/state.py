@@ -19,6 +19,8 @@ class GateSettings:
         step_orientation: The same for its orientation, radians.
         patience: Samples in a row for which a tracker that is farther off is not heard.
         fading: Share of the difference that is left a sample after a tracker came back.
+        glide_position: Most metres by which it shrinks in a sample.
+        glide_orientation: The same for the orientation, radians.
         hold_position: Metres of standard deviation, times the samples it is missing, with which a lost tracker is held
             where the pose carries it.
         hold_orientation: The same for its orientation, radians.
@@ -29,6 +31,8 @@ class GateSettings:
     step_orientation: float = np.deg2rad(50.0)
     patience: int = 4
     fading: float = 0.8
+    glide_position: float = 0.08
+    glide_orientation: float = np.deg2rad(25.0)
     hold_position: float = 0.02
     hold_orientation: float = np.deg2rad(5.0)
     hold_samples: int = 40
