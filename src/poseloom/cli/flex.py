@@ -86,7 +86,7 @@ def _fit(
         report = fit_to_library(
             opened, output, method, flex_settings(method, epochs, hidden), seed,
             lambda clip: not folders or clip.source.startswith(folders), kept,
-            lambda done, most, error: show(f"{method}, {error:.2f} degrees", done, most),
+            lambda done, most, _: show(f"Fitting {method}, epochs", done, most),
         )  # fmt: skip
     if checkpoint is None:
         kept.unlink(missing_ok=True)
