@@ -247,3 +247,4 @@ def _send(device: str, to: str, recording: object, seconds: float | None) -> Non
     typer.echo(f"{device} to {host}:{port}: {recording.layout.rate:g} samples a second")
     with DatagramSpeaker(host, int(port), encode) as speaker:
         play(recording, speaker, seconds)
+        typer.echo(f"sent {speaker.sent} datagrams")

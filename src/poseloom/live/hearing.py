@@ -30,6 +30,7 @@ class Hearing:
         admit: Called with each sample.
         tell: Where sources' notes go.
         alone: Whether there is one source only, which then knows when it has said all.
+        thin: Whether samples beyond the layout's rate are left out.
         clock: When a device's clock is believed to have jumped.
     """
 
@@ -39,11 +40,12 @@ class Hearing:
         admit: Callable[[Sample], None],
         tell: Tell,
         alone: bool,
+        thin: bool = True,
         clock: ClockSettings | None = None,
     ) -> None:
         self._assembler = Assembler(layout)
         self._assembly = Assembly()
-        self._admit, self._tell, self._alone = admit, tell, alone
+        self._admit, self._tell, self._alone, self._thin = admit, tell, alone, thin
         self._clock_settings = clock or ClockSettings()
         self._clocks: OrderedDict[str, DeviceClock] = OrderedDict()
         self._pace = Pace()
@@ -114,7 +116,7 @@ class Hearing:
         self._filled_at = None
         self._arrivals.append(sample.arrival)
         self._pace, wanted = step_pace(self._pace, sample.time, sample.arrival, self._assembler.layout.rate)
-        if not wanted:
+        if self._thin and not wanted:
             self._count(superseded=1)
             return
         self._count(samples=1)

@@ -47,7 +47,7 @@ from poseloom.skeleton.skeleton import Skeleton
 
 _TICK = 0.01
 """Seconds between looks at silence and at samples that wait for a late sensor."""
-_NOTICES_SHOWN = 8
+_NOTICES_SHOWN, _NOTICES_KEPT = 8, 1000
 _FAILURES_TOLD_EVERY = 2.0
 
 
@@ -70,6 +70,7 @@ class SessionPlan:
         settings: How the session was set up, for the recording.
         seconds: When to end; None: when the sources do, or on demand.
         capacity: Samples that may wait for the method.
+        thin: Whether samples beyond the layout's rate are left out; not where a recording is played faster.
     """
 
     sources: tuple[Source, ...]
@@ -86,6 +87,7 @@ class SessionPlan:
     settings: Mapping[str, str] = field(default_factory=dict[str, str])
     seconds: float | None = None
     capacity: int = 8
+    thin: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ class SessionSummary:
         counters: Totals.
         latency: Milliseconds from arrival to pose sent: median, 95th and 99th percentile, over the whole session.
         seconds: How long it lasted.
-        notices: All notices.
+        notices: The last thousand notices.
         recordings: Files that were recorded.
     """
 
@@ -130,7 +132,7 @@ class Session:
         )
         self._watch = Watch(plan.layout)
         self._watching = self._watch.start()
-        self._hearing = Hearing(plan.layout, self._admit, self.tell, alone=len(plan.sources) == 1)
+        self._hearing = Hearing(plan.layout, self._admit, self.tell, len(plan.sources) == 1, plan.thin)
         self._outlets = [Outlet(sink, self.post, self.tell) for sink in plan.sinks]
         self._recorder: Recorder | None = None
         self._recorded: list[Path] = []
@@ -139,7 +141,8 @@ class Session:
         self._newest: Sample | None = None
         self._frames = 0
         self._last_pose: Any = None
-        self._notices: list[Notice] = []
+        self._notices: deque[Notice] = deque(maxlen=_NOTICES_KEPT)
+        self._told = 0
         self._shown: deque[Notice] = deque(maxlen=_NOTICES_SHOWN)
         self._telling = threading.Lock()
         self._failure_told = -1e9
@@ -172,7 +175,7 @@ class Session:
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """All notices up to now."""
+        """The last thousand notices."""
         return tuple(self._notices)
 
     def post(self, command: Command) -> None:
@@ -191,7 +194,8 @@ class Session:
     def tell(self, level: Level, text: str) -> None:
         """Adds a notice."""
         with self._telling:
-            notice = Notice(len(self._notices) + 1, level, text, time.monotonic())
+            self._told += 1
+            notice = Notice(self._told, level, text, time.monotonic())
             self._notices.append(notice)
             self._shown.append(notice)
 

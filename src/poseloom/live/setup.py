@@ -135,13 +135,13 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
             remedy="Give --source, such as vmc, udp:9870, serial:/dev/ttyACM0 or simulate:sample:walk",
         )
     sources = tuple(make_source(text, settings.bind) for text in settings.source)
-    heard = _layout(sources, settings.layout)
+    heard = joint_layout(sources, settings.layout)
     library = open_library(Path(settings.library)) if settings.library else None
     make, names = _methods(heard, library, Path(settings.model) if settings.model else None)
     method = settings.method or _default(heard, library)
     if method not in METHODS:
         raise unknown_name("method", method, METHODS, MethodError)
-    worn = _session_layout(method, heard, library, make)
+    worn = make(method).layout
     skeleton, placements, calibrated = _wearer(settings, sources, worn)
     exports = (MotionExport(Path(settings.export)),) if settings.export else ()
     return SessionPlan(
@@ -158,11 +158,16 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
         folder=Path(settings.folder),
         settings=_told(settings, library),
         seconds=settings.seconds or None,
+        thin=all(source.speed == 1.0 for source in sources if isinstance(source, ReplaySource)),
     )
 
 
-def _layout(sources: Sequence[Source], name: str) -> SensorLayout:
-    """The sensors of all sources: a layout that is named, or a built-in one of the same sensors, or just these."""
+def joint_layout(sources: Sequence[Source], name: str) -> SensorLayout:
+    """The sensors of all sources: a layout that is named, or a built-in one of the same sensors, or just these.
+
+    Raises:
+        SensorError: if the layout is unknown, or a sensor of it is no source's.
+    """
     sensors: list[SensorSpec] = [sensor for source in sources for sensor in source.layout.sensors]
     rate = max(source.layout.rate for source in sources)
     if name:
@@ -193,7 +198,14 @@ def _methods(
         if trackers and not needs_model(name) and (library is not None or not needs_library(name))
     ]
 
+    made_before: dict[str, Reconstructor[Any]] = {}
+
     def make(name: str) -> Reconstructor[Any]:
+        if name not in made_before:
+            made_before[name] = make_anew(name)
+        return made_before[name]
+
+    def make_anew(name: str) -> Reconstructor[Any]:
         rate = library.rate if library is not None and trackers else heard.rate
         made = make_method(name, replace(heard, rate=rate), library if needs_library(name) else None, model=model)
         if made.layout.names != heard.names:
@@ -214,15 +226,6 @@ def _default(heard: SensorLayout, library: MotionLibrary | None) -> str:
             remedy="Give --method and --model; `poseloom methods` lists what there is",
         )
     return DEFAULT_METHOD if library is not None else _WITHOUT_LIBRARY
-
-
-def _session_layout(
-    method: str, heard: SensorLayout, library: MotionLibrary | None, make: Callable[[str], Reconstructor[Any]]
-) -> SensorLayout:
-    """The sensors at the rate at which methods hear them: the library's or the model's."""
-    if needs_model(method):
-        return make(method).layout
-    return heard if library is None else replace(heard, rate=library.rate)
 
 
 def _wearer(

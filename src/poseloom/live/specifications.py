@@ -120,7 +120,7 @@ def _serial(written: Specification, bind: str) -> Source:
     _only(written, ("layout", "rate", "baud"))
     if not written.address:
         raise SensorError("no serial line is named", remedy="Write serial:DEVICE, such as serial:/dev/ttyACM0")
-    return SerialSource(_layout(written, "flex-four"), written.address, int(written.number("baud", 115200)))
+    return SerialSource(_layout(written, "flex-four"), written.address, int(written.number("baud", 115200.0)))
 
 
 def _lines(written: Specification, bind: str) -> Source:
