@@ -22,6 +22,7 @@ TOPICS = (
     "imus",
     "calibrating",
     "fitting",
+    "flex_sensor",
     "live",
     "reconstruction",
     "evaluating",

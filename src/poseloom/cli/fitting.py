@@ -8,6 +8,7 @@ import typer
 from poseloom.cli._progress import progress_bars
 from poseloom.cli.calibrating import fit_sizes
 from poseloom.cli.flex import add_fit_commands
+from poseloom.cli.flex_sensor import fit_flex_sensor
 
 _Library = Annotated[Path, typer.Option("--library", "-l", help="Folder of a motion library.")]
 _Layout = Annotated[
@@ -31,6 +32,7 @@ def register(app: typer.Typer) -> None:
     """Adds the group `fit` to the application."""
     fit = typer.Typer(no_args_is_help=True, help="Fit models to data.")
     fit.command("body-size")(fit_sizes)
+    fit.command("flex-sensor")(fit_flex_sensor)
     add_fit_commands(fit)
     fit.command("phase-hmm")(fit_hmm)
     fit.command("phase-hmm-paper")(fit_hmm_of_the_paper)

@@ -1,5 +1,6 @@
 """Figures of a batch of flex sensors from fits of single ones, and how well they foretell recordings held back."""
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -82,6 +83,13 @@ class FlexStudy:
     judgements: tuple[Judgement, ...]
     measured: Mapping[str, float]
 
+    @property
+    def judged(self) -> dict[str, float]:
+        """Medians over the held-back sensors, by name."""
+        columns = ("range_counts", "counts", "degrees", "straight_counts", "straight_degrees", "own_counts")
+        told = {name: [float(getattr(each, name)) for each in self.judgements] for name in columns}
+        return {f"held back, median {name}": float(np.median(values)) for name, values in told.items() if values}
+
 
 def study_flex_sensors(tables: Sequence[BendTable]) -> FlexStudy:
     """Fits every sensor of every recording, makes the figures of all but the last recording of each person, and judges
@@ -108,7 +116,7 @@ def study_flex_sensors(tables: Sequence[BendTable]) -> FlexStudy:
     figures = _figures(learnt, slips)
     sensors = replace(FlexSensors(), **figures)
     check_sensors(sensors)
-    shape = Shape(*(figures[name].median for name in ("curvature", "hysteresis", "lag_share", "lag_seconds")))
+    shape = batch_shape(sensors)
     judged = [
         judgement
         for fit in fits
@@ -117,6 +125,33 @@ def study_flex_sensors(tables: Sequence[BendTable]) -> FlexStudy:
     return FlexStudy(
         sensors, tuple(figures), tuple(fits), tuple(own), held_back, tuple(judged), _measured(tables, learnt, own)
     )
+
+
+def batch_shape(sensors: FlexSensors) -> Shape:
+    """The median sensor's curve."""
+    return Shape(
+        sensors.curvature.median, sensors.hysteresis.median, sensors.lag_share.median, sensors.lag_seconds.median
+    )
+
+
+def provenance(study: FlexStudy, tables: Sequence[BendTable], source: str) -> dict[str, object]:
+    """What to keep beside the figures: what was measured, how well it foretells, and of what data."""
+    digest = hashlib.sha256()
+    for table in tables:
+        digest.update(table.name.encode())
+        digest.update(np.ascontiguousarray(table.bends).tobytes())
+        digest.update(table.counts.tobytes())
+    return {
+        "measured": {name: float(f"{value:.4g}") for name, value in study.measured.items()},
+        "held back": {name: float(f"{value:.4g}") for name, value in study.judged.items()},
+        "provenance": {
+            "made by": "poseloom fit flex-sensor",
+            "source": source,
+            "recordings": [table.name for table in tables],
+            "held back": list(study.held_back),
+            "data digest": digest.hexdigest(),
+        },
+    }
 
 
 def _figures(fits: Sequence[ChannelFit], own: Sequence[tuple[ChannelFit, BendTable]]) -> dict[str, Spread]:
