@@ -20,11 +20,11 @@ from poseloom.calibration.imu_alignment import align_imus, turn_to_bones
 from poseloom.evaluation.rows import Row
 from poseloom.formats.imus import assemble_imus, read_imu_tracks
 from poseloom.methods.contract import Reconstruction, Reconstructor, reconstruct
-from poseloom.rotations import heading_matrix
+from poseloom.rotations import heading_matrix, rotvec_from_matrix
 from poseloom.sensors.recording import Recording
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.kinematics import motion_frames
-from poseloom.skeleton.motion import Motion
+from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import Skeleton, make_skeleton
 
 NEURA_SENSORS: Mapping[str, str] = MappingProxyType(
@@ -42,6 +42,8 @@ NEURA_SENSORS: Mapping[str, str] = MappingProxyType(
 
 _LEG = ("LowerLeg", "Foot")
 _SIDES = ("left", "right")
+_HANGING = 1.3
+"""Radians by which arms hang from the T-pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +129,33 @@ def _from_hips(
     return LegPlaces(np.einsum("fij,fbj->fbi", back, joints - middle), np.einsum("fij,fbj->fbi", back, hips - middle))
 
 
+def optical_motion(optical: OpticalWalk, rows: Floats[Array, "moments"], rate: float = 60.0) -> Motion:
+    """The cameras' hips and legs as a motion of the wearer's body, arms hanging, for pictures.
+
+    Args:
+        optical: What the cameras saw.
+        rows: Moments, counted in the cameras' frames; the nearest frame is shown.
+        rate: Of the motion.
+    """
+    body = wearer_of(optical)
+    frames = np.clip(np.rint(rows).astype(np.int64), 0, len(optical) - 1)
+    q = np.zeros((len(frames), body.size))
+    q[:, :3] = optical.joints["hips"][frames]
+    for bone, turns in optical.bones.items():
+        joint = body.index(bone)
+        parent = body.names[int(body.parents[joint])] if joint else ""
+        local = np.swapaxes(optical.bones[parent][frames], 1, 2) @ turns[frames] if parent else turns[frames]
+        q[:, 3 + 3 * joint : 6 + 3 * joint] = rotvec_from_matrix(local)
+    for side, way in (("left", -1.0), ("right", 1.0)):
+        q[:, 3 + 3 * body.index(f"{side}UpperArm") + 2] = way * _HANGING
+    # The cameras' middle of the pelvis is another than the body's: the hip joints are laid on the cameras'.
+    placed = motion_frames(make_motion(body, q, rate)).positions
+    hips = [body.index(f"{side}UpperLeg") for side in _SIDES]
+    seen = np.mean([optical.joints[f"{side}UpperLeg"][frames] for side in _SIDES], axis=0)
+    q[:, :3] += seen - placed[:, hips].mean(axis=1)
+    return make_motion(body, q, rate, "cameras")
+
+
 def leg_angles_deg(legs: LegPlaces) -> Mapping[str, Floats[Array, "frames 2"]]:
     """Flexion of hips and knees, left and right, degrees, from places of joints alone.
 
@@ -179,7 +208,7 @@ def real_walk(
 
     Args:
         data: The folder of real recordings.
-        methods: What makes each method, by name, from the wearer's skeleton; their layouts are of these words.
+        methods: What makes each method, by name, from the wearer's skeleton; fitted to the layout of these words.
         words: Where the sensors are worn.
 
     Returns:
@@ -207,7 +236,7 @@ def _standing(optical: OpticalWalk) -> LegPlaces:
     """A person with the wearer's legs who stands throughout: what any method must beat."""
     body = wearer_of(optical)
     q = np.zeros((1, body.size))
-    legs = estimated_legs(Motion(body, q, 60.0))
+    legs = estimated_legs(make_motion(body, q, 60.0))
     return LegPlaces(np.repeat(legs.joints, len(optical), axis=0), np.repeat(legs.hips, len(optical), axis=0))
 
 
