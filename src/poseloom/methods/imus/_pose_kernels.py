@@ -47,15 +47,15 @@ def _apart(first: Floats[Array, "4"], second: Floats[Array, "4"], out: Floats[Ar
 @compiled
 def interpolate(
     quats: Floats32[Array, "states joints 4"],
-    signals: Floats32[Array, "states channels"],
+    features: Floats32[Array, "states columns"],
     maps: Ints[Array, "states"],
-    gains: Floats32[Array, "maps entries channels"],
+    gains: Floats32[Array, "maps entries columns"],
     variances: Floats32[Array, "maps entries"],
     lower: Ints[Array, "best"],
     upper: Ints[Array, "best"],
     fraction: Floats[Array, "best"],
     weights: Floats[Array, "best"],
-    live: Floats[Array, "channels"],
+    seen: Floats32[Array, "columns"],
     correction: float,
     mean: Floats[Array, "joints 4"],
     spread: Floats[Array, "entries"],
@@ -65,8 +65,8 @@ def interpolate(
     """The weighted mean on SO(3) of the segments' conditional means, its moment-matched variance, and its velocity.
 
     Each segment's pose at its own progress is the slerp of two of its frames, turned by the Gaussian map's correction
-    gain (live - signal). Rows of `gains` are three a joint, then one for each column of `others`, which holds on entry
-    each segment's other features and is corrected in place. `speed` is filled with the turn to the next frame.
+    gain (seen - features). Rows of `gains` are three a joint, then one for each column of `others`, which on entry
+    holds each segment's other features and is corrected in place. `speed` gets the turn to the next frame.
     """
     count, joints = lower.shape[0], quats.shape[1]
     entries = 3 * joints
@@ -80,8 +80,8 @@ def interpolate(
         g = maps[i]
         turns[:] = 0.0
         if correction > 0.0:
-            for c in range(signals.shape[1]):
-                away = correction * (live[c] - ((1.0 - f) * signals[i, c] + f * signals[j, c]))
+            for c in range(features.shape[1]):
+                away = correction * (seen[c] - ((1.0 - f) * features[i, c] + f * features[j, c]))
                 for e in range(gains.shape[1]):
                     turns[e] += gains[g, e, c] * away
         for e in range(others.shape[1]):

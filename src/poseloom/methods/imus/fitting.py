@@ -29,7 +29,7 @@ from poseloom.skeleton.skeleton import Skeleton
 Progress = Callable[[str, int, int], object]
 """Called with the name of what is being done, and how many of how many are."""
 
-_FEWEST = 8
+_FEWEST = 60
 """Examples below which a warped time takes its neighbours' too."""
 
 _QUERIES = 400
@@ -86,7 +86,7 @@ def fit_model(
     # Segments cover the pairs frame by frame and in order, so states are the pairs' frames one after another.
     successor = np.where(np.diff(owners, append=-1) == 0, np.arange(1, len(stretches) + 1), -1).astype(np.int64)
     maps, gains, variances = _fit_maps(
-        stretches, features, quats, others, signals, firsts, stops, phase_of_segment, len(uppers), settings, seed, tell
+        stretches, features, quats, others, columns, firsts, stops, phase_of_segment, len(uppers), settings, seed, tell
     )
     phase_of_state = np.repeat(phase_of_segment, lengths)
     takes = np.array([pair.take for pair in pairs])
@@ -173,7 +173,7 @@ def _fit_maps(
     features: Sequence[MotionFeatures],
     quats: Floats[Array, "states joints 4"],
     others: Floats[Array, "states others"],
-    signals: Floats[Array, "states channels"],
+    seen: Floats32[Array, "states columns"],
     firsts: Ints[Array, "segments"],
     stops: Ints[Array, "segments"],
     phase_of_segment: Ints[Array, "segments"],
@@ -181,15 +181,15 @@ def _fit_maps(
     settings: PhaseHmmSettings,
     seed: int,
     tell: Progress,
-) -> tuple[Ints[Array, "states"], Floats[Array, "maps entries channels"], Floats[Array, "maps entries"]]:
+) -> tuple[Ints[Array, "states"], Floats[Array, "maps entries columns"], Floats[Array, "maps entries"]]:
     """A Gaussian map for each phase and warped time, and which one each state has."""
     maps = np.zeros(len(quats), dtype=np.int64)
     gains: list[NDArray[np.float64]] = []
     variances: list[NDArray[np.float64]] = []
-    columns = [registered_columns(each) for each in features]
+    shapes = [registered_columns(each) for each in features]
     for phase in range(phases):
         members: list[int] = np.flatnonzero(phase_of_segment == phase).tolist()
-        pieces = [columns[stretches[m].pair][stretches[m].start : stretches[m].stop] for m in members]
+        pieces = [shapes[stretches[m].pair][stretches[m].start : stretches[m].stop] for m in members]
         reference = medoid(pieces, seed)
         length = len(pieces[reference])
         times = np.concatenate([time_warp(piece, pieces[reference]).of_segment(len(piece)) for piece in pieces])
@@ -197,7 +197,7 @@ def _fit_maps(
         for time in range(length):
             near = _at_time(times, time)
             x = _residuals(quats[states[near]], others[states[near]])
-            fitted = fit_gaussian_map(x, signals[states[near]], settings.shrinkage)
+            fitted = fit_gaussian_map(x, seen[states[near]].astype(np.float64), settings.shrinkage)
             gains.append(fitted.gain)
             variances.append(fitted.variance)
         maps[states] = len(gains) - length + times

@@ -19,7 +19,7 @@ class HmmModel:
             (radians a frame), and whether left heel, left toes, right heel and right toes stand (0 or 1).
         ups: World up in the frame of each sensor.
         maps: Index of each state's Gaussian map: its phase and warped time.
-        gains: Of each map, entries (3 a joint, then 4 of `others`) by channels.
+        gains: Of each map, entries (3 a joint, then 4 of `others`) by columns.
         variances: Of each map, of the same entries given the signal.
         first: First state of each segment.
         stop: State after its last.
@@ -41,7 +41,7 @@ class HmmModel:
     others: Floats32[Array, "states others"]
     ups: Floats32[Array, "states sensors 3"]
     maps: Ints[Array, "states"]
-    gains: Floats32[Array, "maps entries channels"]
+    gains: Floats32[Array, "maps entries columns"]
     variances: Floats32[Array, "maps entries"]
     first: Ints[Array, "segments"]
     stop: Ints[Array, "segments"]

@@ -181,8 +181,9 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             window = np.concatenate([state.window[1:], said[None]])
         spoken = bool(heard.any())
         live_window = aligned(state.mounting, window)
-        log_alpha = self._forward(state, live_window if spoken else None)
-        guess = self._guess(state, log_alpha, live_window[-1], self.settings.correction if spoken else 0.0)
+        seen = self.model.signal_features.of_window(live_window)
+        log_alpha = self._forward(state, seen if spoken else None)
+        guess = self._guess(state, log_alpha, seen, self.settings.correction if spoken else 0.0)
         mounting = state.mounting
         if spoken and self.settings.mounting > 0:
             mounting = observe_mounting(mounting, said, guess.signal, heard, self.settings.mounting_gain)
@@ -210,9 +211,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         away = np.linalg.norm((self.model.bodies - bone_lengths(skeleton)) / how.body_scale, axis=1)
         return -0.5 * np.minimum(away, how.body_limit)[self.model.body_of_segment] ** 2
 
-    def _forward(
-        self, state: PhaseHmmState, window: Floats[Array, "window channels"] | None
-    ) -> Floats[Array, "states"]:
+    def _forward(self, state: PhaseHmmState, seen: Floats32[Array, "columns"] | None) -> Floats[Array, "states"]:
         model, how = self.model, self.settings
         predicted = np.empty(len(model))
         if state.log_alpha is None:
@@ -223,18 +222,18 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
                 model.phase_sizes, self._steps, how.continuity, predicted,
             )  # fmt: skip
         log_alpha = np.empty(len(model))
-        if window is None:
+        if seen is None:
             _forward_kernels.settle(predicted, how.beam, log_alpha)
         else:
             _forward_kernels.update(
                 predicted, model.features, self._precision, self._log_norm, state.wearer.log_weight, model.first,
-                model.stop, model.phase_of_segment, model.signal_features.of_window(window), how.restart,
+                model.stop, model.phase_of_segment, seen, how.restart,
                 self._stride, state.turn, how.beam, log_alpha,
             )  # fmt: skip
         return log_alpha
 
     def _guess(
-        self, state: PhaseHmmState, log_alpha: Floats[Array, "states"], live: Floats[Array, "channels"],
+        self, state: PhaseHmmState, log_alpha: Floats[Array, "states"], seen: Floats32[Array, "columns"],
         correction: float,
     ) -> Guess:  # fmt: skip
         model = self.model
@@ -247,8 +246,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         mean, variance, speed = np.empty((joints, 4)), np.empty(3 * joints), np.empty(3 * joints)
         corrected = np.ascontiguousarray(others[:, :WAY_ENTRIES])
         _pose_kernels.interpolate(
-            model.quats_wxyz, model.signals, model.maps, model.gains, model.variances, lower, upper, fraction, weights,
-            live, correction, mean, variance, speed, corrected,
+            model.quats_wxyz, model.features, model.maps, model.gains, model.variances, lower, upper, fraction, weights,
+            seen, correction, mean, variance, speed, corrected,
         )  # fmt: skip
         others[:, :WAY_ENTRIES] = corrected
         return Guess(

@@ -57,8 +57,8 @@ class PhaseHmmSettings:
     one_phase: bool = False
     sharpness: float = 1.0
     weight_smoothing: float = 0.0
-    shrinkage: float = 0.5
-    correction: float = 0.5
+    shrinkage: float = 0.3
+    correction: float = 0.3
     blend: float = 0.5
     turn_limit: float = 0.1
     body_scale: float = 0.002
