@@ -113,7 +113,8 @@ def study_flex_sensors(tables: Sequence[BendTable]) -> FlexStudy:
     slips = [(fit, by_name[fit.table]) for fit in own if fit.table not in held_back]
     if not learnt:
         raise FormatError("no sensor's contact conducts", remedy="Give recordings of sound sensors")
-    figures = _figures(learnt, slips)
+    measured = _measured(tables, learnt, own)
+    figures = {**_figures(learnt, slips), **_loose(measured)}
     sensors = replace(FlexSensors(), **figures)
     check_sensors(sensors)
     shape = batch_shape(sensors)
@@ -122,9 +123,7 @@ def study_flex_sensors(tables: Sequence[BendTable]) -> FlexStudy:
         for fit in fits
         if fit.table in held_back and (judgement := _judge(by_name[fit.table], fit, shape)) is not None
     ]
-    return FlexStudy(
-        sensors, tuple(figures), tuple(fits), tuple(own), held_back, tuple(judged), _measured(tables, learnt, own)
-    )
+    return FlexStudy(sensors, tuple(figures), tuple(fits), tuple(own), held_back, tuple(judged), measured)
 
 
 def batch_shape(sensors: FlexSensors) -> Shape:
@@ -147,8 +146,9 @@ def provenance(study: FlexStudy, tables: Sequence[BendTable], source: str) -> di
         "provenance": {
             "made by": "poseloom fit flex-sensor",
             "source": source,
-            "recordings": [table.name for table in tables],
-            "held back": list(study.held_back),
+            "recordings": len(tables),
+            "people": len({table.person for table in tables}),
+            "held back": f"the last recording of each of {len(study.held_back)} people",
             "data digest": digest.hexdigest(),
         },
     }
@@ -169,6 +169,17 @@ def _figures(fits: Sequence[ChannelFit], own: Sequence[tuple[ChannelFit, BendTab
         "creep": _creep(fits),
     }
     return {name: Spread(_rounded(each.median), _rounded(each.log_sd)) for name, each in figures.items()}
+
+
+def _loose(measured: Mapping[str, float]) -> dict[str, Spread]:
+    """How often and for how long a loose contact opens."""
+    usual = FlexSensors()
+    found = {"loose_opens": "breaks a minute of a loose contact", "open_seconds": "seconds of a break"}
+    return {
+        name: Spread(_rounded(measured[what]), getattr(usual, name).log_sd)
+        for name, what in found.items()
+        if measured[what] > 0
+    }
 
 
 def _residual(fit: ChannelFit) -> float:

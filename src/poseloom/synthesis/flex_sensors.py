@@ -98,7 +98,7 @@ class FlexSensors:
     shrink_minutes: Spread = Spread(40.0, 0.2)
     noise: Spread = Spread(2.0, 0.3)
     opens: Spread = Spread(0.01, 1.0)
-    open_seconds: Spread = Spread(0.17, 0.0)
+    open_seconds: Spread = Spread(0.172, 0.0)
     spikes: Spread = Spread(0.01, 1.0)
     loose: float = 0.0
     loose_opens: Spread = Spread(29.4, 0.5)
