@@ -8,6 +8,7 @@ import typer
 from poseloom.cli._progress import progress_bars
 from poseloom.cli.flex import add_benchmark_commands
 from poseloom.cli.one_imu import add_commands as add_one_imu
+from poseloom.cli.real_imus import add_commands as add_real_imus
 from poseloom.cli.six_trackers import add_commands
 from poseloom.errors import PoseloomError
 
@@ -24,6 +25,7 @@ def register(app: typer.Typer) -> None:
     benchmarks.command("core")(core)
     add_commands(benchmarks)
     add_one_imu(benchmarks)
+    add_real_imus(benchmarks)
     add_benchmark_commands(benchmarks)
     app.add_typer(benchmarks, name="benchmark")
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from poseloom.benchmark.one_imu.alignment_check import real_alignment, simulated_alignment
 from poseloom.benchmark.one_imu.cadence import Cadences, compare_cadences
+from poseloom.benchmark.one_imu.measures import headings
 from poseloom.benchmark.one_imu.optical import read_optical_walk
 from poseloom.benchmark.one_imu.plan import OURS, Progress
 from poseloom.benchmark.one_imu.real_walk import neura_moments, neura_recording, optical_motion, real_walk
@@ -19,8 +20,9 @@ from poseloom.calibration.imu_alignment import align_imus, turn_to_bones
 from poseloom.evaluation.rows import Results, Row, motions_digest
 from poseloom.formats.imus import assemble_imus, read_imu_tracks
 from poseloom.methods.contract import Reconstruction, Reconstructor, reconstruct
+from poseloom.rotations import heading_matrix, matrix_from_rotvec, rotvec_from_matrix
 from poseloom.sensors.recording import Recording
-from poseloom.skeleton.motion import Motion
+from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import Skeleton
 
 WALK_PLACES: tuple[tuple[str, ...], ...] = (
@@ -163,8 +165,18 @@ def _beside_truth(data: Path, made: Mapping[str, Reconstruction]) -> Mapping[str
         middle = seen[60 : 60 + round(SHOWN_SECONDS * recording.layout.rate)]
         if not shown:
             shown["cameras (hips and legs)"] = optical_motion(optical, moments[60 : 60 + len(middle)])
-        shown[name] = reconstruction.motion.cut(int(middle[0]), int(middle[-1]) + 1)
+        made_then = reconstruction.motion.cut(int(middle[0]), int(middle[-1]) + 1)
+        shown[name] = _placed_as(made_then, next(iter(shown.values())))
     return shown
+
+
+def _placed_as(motion: Motion, other: Motion) -> Motion:
+    """The motion with the other's place on the ground and heading, frame by frame: poses are compared, not ways."""
+    turn = heading_matrix(headings(other) - headings(motion))
+    q = np.array(motion.q)
+    q[:, [0, 2]] = other.q[:, [0, 2]]
+    q[:, 3:6] = rotvec_from_matrix(turn @ matrix_from_rotvec(q[:, 3:6]))
+    return make_motion(motion.skeleton, q, motion.rate, motion.name)
 
 
 def _middle(recording: Recording, made: Reconstruction) -> Motion:
