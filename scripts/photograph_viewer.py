@@ -12,7 +12,7 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, Playwright, sync_playwright
 
 from poseloom.formats.recording import write_recording
 from poseloom.library import build_library, open_library
@@ -127,7 +127,7 @@ def photograph_take(shots: list[Shot], folder: Path) -> None:
         player.close()
 
 
-def built_library(folder: Path):  # noqa: ANN201
+def built_library(folder: Path):
     """A library of the built-in motions without the one that is shown."""
     if not (folder / "library").exists():
         build_library(["samples"], folder / "library", mirror=True, exclude=("*dance_a*",))
@@ -136,21 +136,28 @@ def built_library(folder: Path):  # noqa: ANN201
 
 def photograph(url: str, shot: Shot) -> None:
     """Opens the page in a new browser and keeps what is seen."""
-    executable = shutil.which("chromium")
     with tempfile.TemporaryDirectory() as profile, sync_playwright() as playwright:
-        width, height = shot.size
-        browser = playwright.chromium.launch_persistent_context(
-            profile, executable_path=executable, args=FLAGS, viewport={"width": width, "height": height}
-        )
-        page: Page = browser.pages[0]
-        page.goto(url)
-        page.get_by_role("button", name=shot.button).first.wait_for()
-        page.locator("#webgl-software-rendering button").click()
+        page = opened_page(playwright, Path(profile), url, shot.size, shot.button)
         if shot.tab:
             page.get_by_role("tab", name=shot.tab).click()
         page.wait_for_timeout(1000 * shot.seconds)
         page.screenshot(path=IMAGES / f"{shot.name}.png")
-        browser.close()
+        page.context.close()
+
+
+def opened_page(playwright: Playwright, profile: Path, url: str, size: tuple[int, int], button: str) -> Page:
+    """The viewer's page in a new browser, once a button of this name is there."""
+    browser = playwright.chromium.launch_persistent_context(
+        profile,
+        executable_path=shutil.which("chromium"),
+        args=FLAGS,
+        viewport={"width": size[0], "height": size[1]},
+    )
+    page = browser.pages[0]
+    page.goto(url)
+    page.get_by_role("button", name=button).first.wait_for()
+    page.locator("#webgl-software-rendering button").click()
+    return page
 
 
 if __name__ == "__main__":

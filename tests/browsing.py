@@ -2,7 +2,9 @@
 
 import importlib.util
 import io
+import os
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -83,12 +85,18 @@ class Visit:
         )
         return round(box[0]), round(box[1])
 
-    def until(self, what: Callable[[], bool], seconds: float = 20.0) -> None:
-        """Waits for something, however slow the machine is; fails if it does not come."""
-        for _ in range(round(seconds / 0.1)):
+    def until(self, what: Callable[[], bool], seconds: float = 30.0) -> None:
+        """Waits for something, on a slow machine for long; fails if it does not come.
+
+        A failure leaves what was seen in the folder POSELOOM_PICTURES, if that is set.
+        """
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
             if what():
                 return
             self.page.wait_for_timeout(100)
+        if folder := os.environ.get("POSELOOM_PICTURES"):
+            self.page.screenshot(path=Path(folder) / f"failed-{time.time():.0f}.png")
         raise AssertionError("what was waited for has not come")
 
 

@@ -1,5 +1,6 @@
 """GLB: read with pygltflib and moved by hand, its animation is the motion and its body a closed surface around it."""
 
+import contextlib
 import json
 import struct
 from pathlib import Path
@@ -9,9 +10,10 @@ import pygltflib
 import pytest
 from scipy.spatial.transform import Rotation
 
-from poseloom.errors import FormatError
+from poseloom.errors import FormatError, PoseloomError
 from poseloom.formats.deepmimic import deepmimic_skeleton
 from poseloom.formats.glb import write_glb
+from poseloom.formats.glb_reading import read_glb
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.kinematics import motion_frames
 from poseloom.skeleton.motion import Motion, make_motion
@@ -198,3 +200,39 @@ def test_the_same_motion_gives_the_same_bytes_and_no_leftovers(tmp_path):
     with pytest.raises(FormatError, match="cannot be written"):
         write_glb(lively(average_body()), tmp_path / "missing" / "one.glb")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["one.glb", "two.glb"]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_what_was_written_is_read_back(tmp_path: Path, moving: bool):
+    for skeleton in (average_body(), deepmimic_skeleton()):
+        motion = lively(skeleton, moving=moving)
+        write_glb(motion, tmp_path / "lively.glb")
+        read = read_glb(tmp_path / "lively.glb")
+        assert (read.skeleton.names, read.rate, read.name) == (skeleton.names, 30.0, "lively")
+        assert (read.skeleton.parents == skeleton.parents).all()
+        expected, found = motion_frames(motion), motion_frames(read)
+        np.testing.assert_allclose(found.positions, expected.positions, atol=1e-5)
+        np.testing.assert_allclose(found.rotations, expected.rotations, atol=1e-5)
+
+
+def test_a_glb_file_that_is_cut_garbled_or_another_programs_is_refused(tmp_path: Path):
+    path = tmp_path / "motion.glb"
+    write_glb(lively(average_body(), frames=3), path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for size in (0, 4, 11, 12, 19, 20, 200, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        with pytest.raises(FormatError, match=r"motion\.glb"):
+            read_glb(path)
+    for _ in range(200):
+        damaged = bytearray(whole)
+        at = int(rng.integers(0, 3000))
+        damaged[at] = int(rng.integers(0, 256))
+        path.write_bytes(damaged)
+        with contextlib.suppress(PoseloomError):  # a changed number may still be a motion, but nothing else may happen
+            read_glb(path)
+    path.write_bytes(whole.replace(b'"generator":"poseloom"', b'"generator":"another "'))
+    with pytest.raises(FormatError, match="another program's"):
+        read_glb(path)
+    with pytest.raises(FormatError, match="no such file"):
+        read_glb(tmp_path / "none.glb")

@@ -16,7 +16,7 @@ def register(app: typer.Typer) -> None:
 def view(
     files: Annotated[
         list[str],
-        typer.Argument(help="A recording (.mcap), motions (.bvh, .npz, ...), or sample:NAME.", metavar="FILE..."),
+        typer.Argument(help="A recording (.mcap), motions (.bvh, .npz, .glb, ...), sample:NAME.", metavar="FILE..."),
     ],
     method: Annotated[
         list[str] | None, typer.Option("--method", "-m", help="Also show what this makes of the recording; up to two.")

@@ -27,7 +27,7 @@ from poseloom.viewer.server import open_server
 from poseloom.viewer.stage import WORLD, Stage
 
 FRAME_RATE = 40.0
-"""Poses a second that are sent to browsers at most: screens show 60, and drawing takes its share of one core."""
+"""Poses a second that are sent to browsers at most: smooth to look at, and drawing takes its share of one core."""
 
 _GUIDE_SPACING, _GUIDE_SLACK = 1.1, 0.3
 _NOTICE_SECONDS = 12.0
@@ -44,6 +44,7 @@ class SessionViewer:
     Args:
         bind: The address to listen at; other than the loopback, only who brings the token is served.
         port: Where; the first free one from 8080 on unless given.
+        frame_rate: Poses a second that are sent to browsers at most.
 
     Raises:
         ViewerError: if it cannot listen there.
@@ -52,8 +53,9 @@ class SessionViewer:
     name = "viewer"
     capacity = 1
 
-    def __init__(self, bind: str = "127.0.0.1", port: int | None = None) -> None:
+    def __init__(self, bind: str = "127.0.0.1", port: int | None = None, frame_rate: float = FRAME_RATE) -> None:
         self._server = open_server(bind, port)
+        self._period = 1.0 / frame_rate
         self._stage = Stage(self._server.viser)
         self._scene: _LiveScene | None = None
         self._panel: LivePanel | None = None
@@ -108,7 +110,7 @@ class SessionViewer:
         self._plots.add(update)
         now = time.monotonic()
         clients = self._server.viser.get_clients()
-        if now - self._drawn < 1.0 / FRAME_RATE or not clients:
+        if now - self._drawn < self._period or not clients:
             return
         self._drawn = now
         self.frames += 1

@@ -20,6 +20,8 @@ _LIMB_SPAN = 1.7
 """Metres that one figure's limbs take to the sides, most of the time."""
 _PHONE_WIDTH = 576
 """Pixels below which the panel lies across the bottom of the page, in place of beside the scene."""
+_PHONE_SHAPE = 1.25
+"""Height by width from which on a narrow picture is a phone's."""
 _PHONE_SHARE = 0.52
 """Share of a phone's height, from the top, that the panel leaves to the figures."""
 _DIRECTION = np.array([0.42, 0.16, 1.0]) / np.linalg.norm([0.42, 0.16, 1.0])
@@ -61,7 +63,8 @@ def framing(width: int, height: int, figures: int = 1, spacing: float = 0.0) -> 
         figures: How many stand side by side.
         spacing: Metres from one to the next.
     """
-    phone = width < _PHONE_WIDTH
+    # The picture's width, not the window's, is what is known: one that is not upright has the panel beside it.
+    phone = width < _PHONE_WIDTH and height > _PHONE_SHAPE * width
     share = _PHONE_SHARE if phone else 1.0
     half = math.tan(_FIELD_OF_VIEW / 2)
     breadth = _LIMB_SPAN + (figures - 1) * spacing

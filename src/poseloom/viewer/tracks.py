@@ -8,9 +8,10 @@ import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.calibration.calibration import apply_calibration, read_calibration
-from poseloom.errors import ViewerError
+from poseloom.errors import ViewerError, unknown_name
 from poseloom.evaluation import profiles
 from poseloom.formats import read_motion
+from poseloom.formats.glb_reading import read_glb
 from poseloom.formats.recording import read_recording
 from poseloom.library import MotionLibrary, open_library
 from poseloom.methods import make_method, needs_library, reconstruct
@@ -160,12 +161,11 @@ def position_errors_cm(take: Take, track: Track) -> tuple[Floats[Array, "frames"
 
 def _motion(name: str) -> Motion:
     if not name.startswith(SAMPLE_PREFIX):
-        return read_motion(Path(name))
+        path = Path(name)
+        return read_glb(path) if path.suffix.lower() == ".glb" else read_motion(path)
     known = sample_motions()
     wanted = name.removeprefix(SAMPLE_PREFIX)
     if wanted not in known:
-        from poseloom.errors import unknown_name
-
         raise unknown_name("sample motion", wanted, known, ViewerError)
     return known[wanted]
 
