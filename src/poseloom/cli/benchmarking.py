@@ -7,6 +7,7 @@ import typer
 
 from poseloom.cli._progress import progress_bars
 from poseloom.cli.flex import add_benchmark_commands
+from poseloom.cli.live_benchmark import add_commands as add_live
 from poseloom.cli.one_imu import add_commands as add_one_imu
 from poseloom.cli.real_imus import add_commands as add_real_imus
 from poseloom.cli.six_trackers import add_commands
@@ -27,6 +28,7 @@ def register(app: typer.Typer) -> None:
     add_one_imu(benchmarks)
     add_real_imus(benchmarks)
     add_benchmark_commands(benchmarks)
+    add_live(benchmarks)
     app.add_typer(benchmarks, name="benchmark")
 
 

@@ -1,0 +1,1 @@
+"""The live path under load and under faults, measured on this machine."""

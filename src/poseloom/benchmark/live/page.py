@@ -1,0 +1,104 @@
+"""The live figures in Markdown, each target beside what was reached."""
+
+from collections.abc import Iterable, Sequence
+
+from poseloom.evaluation.rows import Results, Row
+
+
+def live_figures(results: Results, commit: str) -> str:
+    """All tables of a run."""
+    rows = results.rows
+    parts = [
+        f"poseloom {results.version or 'of this commit'}, commit `{commit}`, digest of the motion "
+        f"`{results.data_digest[:16]}`. Delays are milliseconds from the system's receipt of a sample's last datagram "
+        "to its pose handed to the system for sending.",
+        _long(rows),
+        _wide(rows, "fast input", "240 Hz input"),
+        _wide(rows, "two sessions", "Two sessions in one process"),
+        _faults(rows),
+        _packets(rows),
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _long(rows: Sequence[Row]) -> str:
+    mine = {row.metric: row for row in rows if row.table == "endurance"}
+    if not mine:
+        return ""
+    get = {metric: row.value for metric, row in mine.items()}
+    name = next(iter(mine.values())).method
+    growth = get["memory_mb_at_the_end"] - get["memory_mb_after_a_fifth"]
+    lines = [
+        ("arrival to pose sent, p50", "", f"{get['p50_ms']:.2f} ms", ""),
+        ("arrival to pose sent, p95", "<= 10 ms", f"{get['p95_ms']:.2f} ms", _met(get["p95_ms"] <= 10.0)),
+        ("arrival to pose sent, p99", "", f"{get['p99_ms']:.2f} ms", ""),
+        ("datagrams lost", "0", f"{get['lost']:.0f} of {get['sent']:,.0f}", _met(get["lost"] == 0)),
+        ("samples passed over for newer ones", "", f"{get['passed_over']:.0f}", ""),
+        ("samples missing in the recording", "0", f"{get['samples_not_recorded']:.0f}",
+         _met(get["samples_not_recorded"] == 0)),
+        ("memory, after a fifth and at the end", "flat",
+         f"{get['memory_mb_after_a_fifth']:.0f} and {get['memory_mb_at_the_end']:.0f} MB", _met(growth < 10.0)),
+        ("load of the two cores by others and us", "", f"{get['load_mean']:.1f}, at most {get['load_most']:.1f}", ""),
+    ]  # fmt: skip
+    by_time = [row for row in rows if row.table == "endurance by time"]
+    settings = list(dict.fromkeys(row.setting for row in by_time))
+    metrics = ("p50_ms", "p95_ms", "p99_ms", "memory_mb", "load")
+    told = [(setting, *_cells(by_time, setting, metrics)) for setting in settings]
+    return (
+        f"## {name[0].upper() + name[1:]}\n\n{_table(('what', 'target', 'reached', ''), lines)}\n\n"
+        f"{_table(('stretch', 'p50, ms', 'p95, ms', 'p99, ms', 'memory, MB', 'load'), told)}"
+    )
+
+
+def _wide(rows: Sequence[Row], table: str, title: str) -> str:
+    mine = [row for row in rows if row.table == table]
+    if not mine:
+        return ""
+    metrics = list(dict.fromkeys(row.metric for row in mine))
+    lines: list[tuple[str, ...]] = []
+    for method in dict.fromkeys(row.method for row in mine):
+        own = {row.metric: row.value for row in mine if row.method == method}
+        lines.append((method, *(_number(own[metric]) if metric in own else "" for metric in metrics)))
+    return f"## {title}\n\n{_table(('what', *(m.replace('_', ' ') for m in metrics)), lines)}"
+
+
+def _faults(rows: Sequence[Row]) -> str:
+    mine = [row for row in rows if row.table == "faults"]
+    lines: list[tuple[str, str]] = []
+    for method in dict.fromkeys(row.method for row in mine):
+        told = ", ".join(
+            f"{row.metric.replace('_', ' ')} {_number(row.value)}"
+            + (f" of {row.frames}" if row.frames and row.metric != "failures" else "")
+            for row in mine
+            if row.method == method
+        )
+        lines.append((method, told))
+    return f"## Faults\n\n{_table(('fault', 'what became of it'), lines)}" if lines else ""
+
+
+def _packets(rows: Sequence[Row]) -> str:
+    mine = [row for row in rows if row.table == "packets"]
+    lines: list[tuple[str, str, str]] = []
+    for method, setting in dict.fromkeys((row.method, row.setting) for row in mine):
+        own = [row for row in mine if (row.method, row.setting) == (method, setting)]
+        told = ", ".join(f"{row.metric.replace('_', ' ')} {_number(row.value)}" for row in own)
+        lines.append((method, setting, told))
+    return f"## Packets\n\n{_table(('into', 'what', 'what became of them'), lines)}" if lines else ""
+
+
+def _cells(rows: Iterable[Row], setting: str, metrics: Sequence[str]) -> list[str]:
+    own = {row.metric: row.value for row in rows if row.setting == setting}
+    return [f"{own[metric]:.2f}" if metric.endswith("_ms") else f"{own[metric]:.1f}" for metric in metrics]
+
+
+def _met(met: bool) -> str:
+    return "met" if met else "**missed**"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if value == int(value) else f"{value:,.2f}"
+
+
+def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    rule = ["---"] * len(heads)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *lines))

@@ -1,0 +1,55 @@
+"""All live measurements, one after the other."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from poseloom.benchmark.live.endurance import measure_endurance, measure_fast_input, measure_two_sessions
+from poseloom.benchmark.live.faults import measure_faults
+from poseloom.benchmark.live.fuzzing import measure_flood, measure_parsers
+from poseloom.benchmark.live.stage import stage
+from poseloom.evaluation.rows import Results, Row, motions_digest
+from poseloom.live.virtual import read_clip
+
+PARTS = ("endurance", "fast", "two", "faults", "packets")
+
+
+@dataclass(frozen=True)
+class LivePlan:
+    """How long to measure.
+
+    Attributes:
+        endurance: Seconds of the long session.
+        short: Seconds of the others.
+        packets: Hostile packets into the parsers.
+        flood: Hostile packets into a port.
+        seed: Of all that is drawn.
+        parts: Which parts.
+    """
+
+    endurance: float = 1800.0
+    short: float = 30.0
+    packets: int = 100_000
+    flood: int = 12_000
+    seed: int = 0
+    parts: tuple[str, ...] = PARTS
+
+
+QUICK = LivePlan(endurance=45.0, short=8.0, packets=10_000, flood=3_000)
+
+
+def measure_live(plan: LivePlan, show: Callable[[str, int, int], None]) -> Results:
+    """Measures; `show` is told how far it is."""
+    rows: list[Row] = []
+    with stage(plan.seed) as here:
+        if "packets" in plan.parts:
+            rows += measure_parsers(plan.packets, plan.seed, show)
+            rows += measure_flood(here, plan.flood, plan.seed, show)
+        if "faults" in plan.parts:
+            rows += measure_faults(here, show)
+        if "two" in plan.parts:
+            rows += measure_two_sessions(here, plan.short, show)
+        if "fast" in plan.parts:
+            rows += measure_fast_input(here, plan.short, show)
+        if "endurance" in plan.parts:
+            rows += measure_endurance(here, plan.endurance, show)
+    return Results("live", motions_digest([read_clip("sample:walk")]), tuple(rows))
