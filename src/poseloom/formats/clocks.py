@@ -66,11 +66,12 @@ def read_clock(stamps: Floats[Array, "stamps"], unit: float | None = None, file:
     kept, shifts, events = [0], [0.0], list[str]()
     shift = 0.0
     for at in range(1, len(stamps)):
-        step = stamps[at] + shift - (stamps[kept[-1]] + shifts[-1])
+        last = float(stamps[kept[-1]])
+        step = float(stamps[at]) + shift - (last + shifts[-1])
         if 0 < step <= _LONGEST / tick:
-            if _returns(stamps, at, stamps[kept[-1]], step, usual):
+            if _returns(stamps, at, last, step, usual):
                 continue
-        elif step > 0 or not _goes_on(stamps, at, stamps[kept[-1]], usual):
+        elif step > 0 or not _goes_on(stamps, at, last, usual):
             continue
         else:
             shift += _wrap(-step, usual, tick, events)
@@ -97,7 +98,9 @@ def _find_unit(usual: float, file: Path | None) -> float:
 def _returns(stamps: Floats[Array, "stamps"], at: int, last: float, step: float, usual: float) -> bool:
     """Whether a stamp leaps ahead and the next ones are back where they should be: it is garbage."""
     later = stamps[at + 1 : at + 3]
-    return step > 3 * usual and len(later) > 0 and bool(((later > last) & (later < stamps[at])).all())
+    if step <= 3 * usual or len(later) == 0:
+        return False
+    return bool(((later > last) & (later < stamps[at])).all())
 
 
 def _goes_on(stamps: Floats[Array, "stamps"], at: int, last: float, usual: float) -> bool:
@@ -123,6 +126,6 @@ def _rate(times: Floats[Array, "samples"]) -> float:
     """One over the median step, rounded to four digits: the stamps of a slow clock are coarse."""
     step = float(np.median(np.diff(times)))
     near = np.diff(times)[np.abs(np.diff(times) - step) < 0.5 * step]
-    rate = 1 / float(near.mean())
+    rate = 1 / (float(near.mean()) if len(near) else step)
     digits = 3 - math.floor(math.log10(rate))
     return round(rate, digits)
