@@ -24,7 +24,7 @@ from poseloom.training.networks import (
     Transformer,
     median_of_three,
 )
-from poseloom.training.scales import BankSettings, Scales, bank_series
+from poseloom.training.scales import BankSettings, Scales, bank_series, exponential_mean
 from poseloom.training.sessions import Session, mirrored
 from poseloom.training.splits import Divided, Part, Piece
 from poseloom.training.tensors import seed_torch, tensor
@@ -215,11 +215,10 @@ def tell_series(network: nn.Module, settings: FitSettings, heard: Inputs) -> Flo
 
 
 def smoothed(fitted: Fitted, told: Floats[Array, "frames angles"]) -> Floats[Array, "frames angles"]:
-    """Our network's smoothing of what it told."""
-    network = fitted.network
-    if not isinstance(network, Scales):
+    """What live use makes of what a network told: our network's smoothing, the paper's causal median."""
+    if not isinstance(fitted.network, Scales):
         return median(told)
-    return network.smooth(tensor(told)).numpy()
+    return exponential_mean(told, fitted.network.smoothing)
 
 
 def median(told: Floats[Array, "frames angles"]) -> Floats[Array, "frames angles"]:

@@ -60,20 +60,21 @@ def keep(scale: float) -> float:
 def bank_series(inputs: Floats32[Array, "frames inputs"], settings: BankSettings) -> Floats32[Array, "frames features"]:
     """What the bank makes of a series, from an empty memory."""
     values = inputs[:, :CHANNELS].astype(np.float64)
-    means = [_mean(values, scale) for scale in settings.means]
+    means = [exponential_mean(values, scale) for scale in settings.means]
     moved, posture = values - means[settings.swift], values - means[settings.slow]
-    lively = [np.sqrt(_mean(moved**2, scale) + LEAST_LIVELINESS) for scale in settings.liveliness]
+    lively = [np.sqrt(exponential_mean(moved**2, scale) + LEAST_LIVELINESS) for scale in settings.liveliness]
     pairs = np.stack([posture[:, i] * posture[:, j] for i, j in PAIRS], axis=1)
     mixed = np.stack([moved[:, i] * posture[:, j] for i, j in MIXED], axis=1)
     parts = [
         *(values, inputs[:, CHANNELS:], values - means[0]),
         *(swift - slow for swift, slow in pairwise(means)),
-        *(means[-1], *lively, _mean(pairs, settings.together), _mean(mixed, settings.together)),
+        *(means[-1], *lively, exponential_mean(pairs, settings.together), exponential_mean(mixed, settings.together)),
     ]
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
-def _mean(series: Floats[Array, "frames columns"], scale: float) -> Floats[Array, "frames columns"]:
+def exponential_mean(series: Floats[Array, "frames columns"], scale: float) -> Floats[Array, "frames columns"]:
+    """The exponential mean over time of `scale` samples, beginning with the first."""
     stays = keep(scale)
     filtered: Any = lfilter([1 - stays], [1, -stays], series, axis=0, zi=stays * series[:1])
     return np.asarray(filtered[0])
@@ -115,11 +116,3 @@ class Scales(nn.Module):
         heard = (features - self.get_buffer("centre")) / self.get_buffer("scale")
         remembered = self.drop(self.memory(heard)[0])
         return self.told(remembered), self.doubt(remembered.detach())
-
-    def smooth(self, outputs: Tensor) -> Tensor:
-        """The exponential mean over time of `(frames, angles)`, beginning with the first."""
-        stays = keep(self.smoothing)
-        smoothed = [outputs[0]]
-        for output in outputs[1:]:
-            smoothed.append(stays * smoothed[-1] + (1 - stays) * output)
-        return torch.stack(smoothed)

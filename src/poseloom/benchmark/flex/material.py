@@ -28,8 +28,8 @@ GAP = 120
 WITHIN, BY_SUBJECT = "within-sequence", "by-subject"
 OWN_SUIT = 0
 """Seed of the sensors that the within-sequence split is trained and measured on, as the paper's are."""
-NEW_SUITS = (1000, 1001)
-"""Seeds of sensors that nobody has trained on."""
+NEW_SUIT = 1000
+"""Seed of sensors that nobody has trained on."""
 
 DRAW = DrawSettings(drop_outs=0.2)
 """How training sensors are drawn, for everybody alike: 0 to 60 minutes of use, a channel silent 1.7 % of the time."""
@@ -62,9 +62,9 @@ class Material:
         """The split of this name."""
         return self.within if split == WITHIN else self.by_subject
 
-    def suits(self, split: str) -> tuple[int, ...]:
-        """Seeds of the sensors that a split is measured on."""
-        return (OWN_SUIT,) if split == WITHIN else NEW_SUITS
+    def suit(self, split: str) -> int:
+        """Seed of the sensors that a split is measured on."""
+        return OWN_SUIT if split == WITHIN else NEW_SUIT
 
     def heard(self, suit: int, minutes: float | None = None) -> tuple[Inputs, ...]:
         """What one set of sensors tells of all sessions, without further silences.

@@ -61,7 +61,8 @@ def _axes(left: float, right: float, low: float, high: float) -> str:
     parts = [
         f'<path d="M{_MARGIN} 34V{bottom}H{_WIDTH - 10}" fill="none" stroke="{_QUIET}"/>',
         _text(_WIDTH / 2 - 40, _HEIGHT - 18, "error, degrees", _QUIET),
-        f'<g transform="translate(16,{_HEIGHT / 2 + 50}) rotate(-90)">{_text(0.0, 0.0, "jitter, 10⁴ °/s³", _QUIET)}</g>',
+        f'<g transform="translate(16,{_HEIGHT / 2 + 50}) rotate(-90)">',
+        _text(0.0, 0.0, "jitter, 10⁴ °/s³", _QUIET) + "</g>",
     ]
     for whole in range(int(left) + 1, int(right) + 1):
         x = _across(float(whole), left, right)
@@ -71,7 +72,9 @@ def _axes(left: float, right: float, low: float, high: float) -> str:
     for tick in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0):
         if low <= tick <= high:
             y = _up(tick, low, high)
-            parts.append(f'<path d="M{_MARGIN} {y:.1f}h-4" stroke="{_QUIET}"/>' + _text(26.0, y + 4, f"{tick:g}", _QUIET))
+            parts.append(
+                f'<path d="M{_MARGIN} {y:.1f}h-4" stroke="{_QUIET}"/>' + _text(26.0, y + 4, f"{tick:g}", _QUIET)
+            )
     return "".join(parts)
 
 

@@ -4,19 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from poseloom.benchmark.flex.conditions import ageing_rows, fault_rows, replacement_rows
-from poseloom.benchmark.flex.material import BY_SUBJECT, WITHIN, Inputs, Material, prepare
-from poseloom.benchmark.flex.scoring import PieceScore, Teller, pooled
+from poseloom.benchmark.flex.material import BY_SUBJECT, NEW_SUIT, WITHIN, Inputs, Material, prepare
+from poseloom.benchmark.flex.scoring import PieceScore, Teller, score_outputs, score_pieces
 from poseloom.benchmark.flex.speed import speed_rows
-from poseloom.benchmark.flex.tables import (
-    by_joint,
-    by_motion,
-    by_person,
-    paired,
-    summarised,
-)
+from poseloom.benchmark.flex.tables import by_joint, by_motion, by_person, paired, summarised
 from poseloom.benchmark.flex.trials import (
     NETWORKS,
     OURS,
@@ -24,12 +16,15 @@ from poseloom.benchmark.flex.trials import (
     Effort,
     Trial,
     fit_trial,
+    live,
+    outputs_of,
     plain_comparator,
-    score,
-    tellers,
 )
 from poseloom.evaluation.rows import Results, Row
 from poseloom.training.fitting import Fitted, TrainingSets
+
+Runs = dict[str, list[tuple[PieceScore, ...]]]
+"""By contestant: for each seed the scores of all pieces."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -101,40 +96,37 @@ def _fit(
 
 def _split_rows(material: Material, plan: Plan, split: str, progress: Progress) -> list[Row]:
     """Tables 2, 3 and 5 of one split, and what becomes of its networks under ageing, faults and replacement."""
-    suits = [material.heard(suit) for suit in material.suits(split)]
-    found: dict[str, list[tuple[PieceScore, ...]]] = {}
-    first: dict[str, Teller] = {}
-    rows: list[Row] = []
+    inputs = material.heard(material.suit(split))
+    pieces = material.divided(split).test
+    found: Runs = {}
+    spoken: dict[str, Teller] = {}
     for name in PLAIN:
         chosen = plain_comparator(material, split, name)
-        found[name] = [_scores(material, split, chosen.tell, suits)]
-        first[name] = chosen.tell
+        found[name] = [score_pieces(material.sessions, pieces, inputs, chosen.tell)]
+        spoken[name] = chosen.tell
     networks: dict[str, Fitted] = {}
-    for seed in range(plan.seeds[split]):
-        for contestant in (OURS, *NETWORKS):
-            fitted = _fit(material, plan, Trial(contestant, split, seed), progress)
-            networks.setdefault(contestant, fitted)
-            for output, tell in tellers(fitted).items():
-                name = labelled(contestant, output)
-                found.setdefault(name, []).append(_scores(material, split, tell, suits))
-                first.setdefault(name, tell)
+    contestants = [Trial(name, split, seed) for seed in range(plan.seeds[split]) for name in (OURS, *NETWORKS)]
     if plan.full and split == WITHIN:
-        for contestant in ("Bi-LSTM", "Bi-LSTM-C"):
-            fitted = _fit(material, plan, Trial(contestant, split, 0, hidden=512), progress)
-            for output, tell in tellers(fitted).items():
-                found[f"{labelled(contestant, output)}, 512 units"] = [_scores(material, split, tell, suits)]
-    rows += summarised("5", split, found)
-    rows += paired(split, found)
+        contestants += [Trial(name, split, 0, hidden=512) for name in ("Bi-LSTM", "Bi-LSTM-C")]
+    for trial in contestants:
+        fitted = _fit(material, plan, trial, progress)
+        _score_into(found, material, split, inputs, trial, fitted)
+        if trial.seed == 0 and trial.hidden is None:
+            networks[trial.contestant] = fitted
+    rows = summarised("5", split, found) + paired(split, found)
     shown = {name: found[name] for name in ("Bi-LSTM-CM", OURS, "nearest windows", "mean pose")}
     rows += by_motion(split, shown) + by_joint(split, shown) + by_person(split, shown)
-    live = {name: first[name] for name in ("Bi-LSTM", "Bi-LSTM-CM", OURS, "nearest windows")}
+    spoken = {
+        "Bi-LSTM-M": live(networks["Bi-LSTM"]),
+        "Bi-LSTM-CM": live(networks["Bi-LSTM-C"]),
+        OURS: live(networks[OURS]),
+        "nearest windows": spoken["nearest windows"],
+    }
     if split == WITHIN:
-        rows += _new_suit_rows(material, split, first)
-        rows += ageing_rows(material, split, live, "range learnt on line")
-        rows += speed_rows(networks)
-    else:
-        rows += fault_rows(material, split, live) + replacement_rows(material, split, live)
-    return rows
+        rows += _new_suit_rows(material, spoken)
+        rows += ageing_rows(material, split, spoken, "range learnt on line")
+        return rows + speed_rows(networks)
+    return rows + fault_rows(material, split, spoken) + replacement_rows(material, split, spoken)
 
 
 def labelled(contestant: str, output: str) -> str:
@@ -147,26 +139,32 @@ def labelled(contestant: str, output: str) -> str:
     return name if output == "median" else f"{name}, centred"
 
 
-def _scores(material: Material, split: str, tell: Teller, suits: Sequence[Sequence[Inputs]]) -> tuple[PieceScore, ...]:
-    return tuple(each for inputs in suits for each in score(material, split, tell, inputs))
+def _score_into(
+    found: Runs, material: Material, split: str, inputs: Sequence[Inputs], trial: Trial, fitted: Fitted
+) -> None:
+    pieces = material.divided(split).test
+    scores = score_outputs(material.sessions, pieces, inputs, fitted.tell, outputs_of(fitted))
+    for output, own in scores.items():
+        size = "" if trial.hidden is None else f", {trial.hidden} units"
+        found.setdefault(labelled(trial.contestant, output) + size, []).append(own)
 
 
-def _new_suit_rows(material: Material, split: str, first: Mapping[str, Teller]) -> list[Row]:
+def _new_suit_rows(material: Material, spoken: Mapping[str, Teller]) -> list[Row]:
     """The same motions in sensors that nobody has trained on."""
-    inputs = [material.heard(1000)]
-    names = ("nearest windows", "Bi-LSTM", "Bi-LSTM-CM", OURS)
-    found = {name: [_scores(material, split, first[name], inputs)] for name in names}
-    return summarised("other sensors", split, found)
+    inputs = material.heard(NEW_SUIT)
+    pieces = material.within.test
+    found = {name: [score_pieces(material.sessions, pieces, inputs, tell)] for name, tell in spoken.items()}
+    return summarised("other sensors", WITHIN, found)
 
 
 def _length_rows(material: Material, plan: Plan, progress: Progress) -> list[Row]:
-    suits = [material.heard(suit) for suit in material.suits(WITHIN)]
-    found: dict[str, list[tuple[PieceScore, ...]]] = {}
+    inputs = material.heard(material.suit(WITHIN))
+    found: Runs = {}
     for length in plan.lengths:
         for seed in range(plan.length_seeds):
             fitted = _fit(material, plan, Trial("Bi-LSTM-C", WITHIN, seed, length), progress)
-            told = _scores(material, WITHIN, tellers(fitted)["median"], suits)
-            found.setdefault(str(length), []).append(told)
+            own = score_pieces(material.sessions, material.within.test, inputs, live(fitted))
+            found.setdefault(str(length), []).append(own)
     rows = summarised("6", WITHIN, found)
     return [replace(row, method="Bi-LSTM-CM", setting=f"{row.method} samples") for row in rows]
 
@@ -174,25 +172,17 @@ def _length_rows(material: Material, plan: Plan, progress: Progress) -> list[Row
 def _first_range_rows(material: Material, plan: Plan, progress: Progress) -> list[Row]:
     """The ablation of C where it is needed: ranges found once, when the sensors were new."""
     sets = material.sets_at_first_range()
-    suits = [material.heard_at_first_range(suit) for suit in material.suits(WITHIN)]
-    found: dict[str, list[tuple[PieceScore, ...]]] = {}
-    first: dict[str, Teller] = {}
+    inputs = material.heard_at_first_range(material.suit(WITHIN))
+    found: Runs = {}
+    spoken: dict[str, Teller] = {}
     for seed in range(plan.seeds[WITHIN]):
-        for contestant in ("Bi-LSTM", "Bi-LSTM-C"):
-            fitted = _fit(material, plan, Trial(contestant, WITHIN, seed, fixed=True), progress, sets)
-            for output, tell in tellers(fitted).items():
-                name = labelled(contestant, output)
-                found.setdefault(name, []).append(_scores(material, WITHIN, tell, suits))
-                first.setdefault(name, tell)
+        for contestant, name in (("Bi-LSTM", "Bi-LSTM-M"), ("Bi-LSTM-C", "Bi-LSTM-CM")):
+            trial = Trial(contestant, WITHIN, seed, fixed=True)
+            fitted = _fit(material, plan, trial, progress, sets)
+            _score_into(found, material, WITHIN, inputs, trial, fitted)
+            spoken.setdefault(name, live(fitted))
     rows = summarised("5, first range", WITHIN, found) + paired(WITHIN, found, "range of new sensors")
-    live = {name: first[name] for name in ("Bi-LSTM-M", "Bi-LSTM-CM")}
-    return rows + ageing_rows(material, WITHIN, live, "range of new sensors", at_first_range=True)
+    return rows + ageing_rows(material, WITHIN, spoken, "range of new sensors", at_first_range=True)
 
 
-def best_error(rows: Sequence[Row], split: str) -> float:
-    """Least error of table 5."""
-    own = [row.value for row in rows if row.table == "5" and row.split == split and row.metric == "error_deg"]
-    return float(np.min(own))
-
-
-__all__ = ["Plan", "best_error", "labelled", "pooled", "quick_plan", "run_flex"]
+__all__ = ["LENGTHS", "Plan", "labelled", "quick_plan", "run_flex"]

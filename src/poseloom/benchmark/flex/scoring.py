@@ -1,6 +1,6 @@
 """How far off a series of angles is, and how jerky."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,9 @@ from poseloom.training.splits import Piece
 
 Teller = Callable[[Floats32[Array, "frames inputs"]], Floats[Array, "frames angles"]]
 """What a contestant makes of a series from an empty memory: angles in radians, one row a frame, causally."""
+
+Output = Callable[[Floats[Array, "frames angles"]], Floats[Array, "frames angles"]]
+"""What is made of a contestant's answers over time: a median, a smoothing, or nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +73,39 @@ def score_pieces(
     tell: Teller,
 ) -> tuple[PieceScore, ...]:
     """Scores a contestant on pieces; each is begun anew."""
-    scores: list[PieceScore] = []
+    return score_outputs(sessions, pieces, inputs, tell, {"": lambda told: told})[""]
+
+
+def score_outputs(
+    sessions: Sequence[Session],
+    pieces: Sequence[Piece],
+    inputs: Sequence[Floats32[Array, "_ inputs"]],
+    tell: Teller,
+    outputs: Mapping[str, Output],
+) -> dict[str, tuple[PieceScore, ...]]:
+    """Scores several outputs of one contestant, which is asked once.
+
+    Args:
+        sessions: The sessions.
+        pieces: What is asked.
+        inputs: What is heard of each session.
+        tell: The contestant.
+        outputs: What is made of its answers, by name.
+    """
+    scores: dict[str, list[PieceScore]] = {name: [] for name in outputs}
     for piece in pieces:
         session = sessions[piece.session]
         truth = session.angles[piece.start : piece.stop].astype(np.float64)
-        told = tell(inputs[piece.session][piece.heard : piece.stop])[piece.start - piece.heard :]
-        errors = angle_errors(truth, told).mean(axis=0)
-        scores.append(
-            PieceScore(
-                session.person, piece.take.name, piece.take.tags, len(truth), errors, jitter_of(told, session.rate)
-            )
-        )
-    return tuple(scores)
+        told = tell(inputs[piece.session][piece.heard : piece.stop])
+        for name, output in outputs.items():
+            said = output(told)[piece.start - piece.heard :]
+            scores[name].append(
+                PieceScore(
+                    session.person, piece.take.name, piece.take.tags, len(truth),
+                    angle_errors(truth, said).mean(axis=0), jitter_of(said, session.rate),
+                )
+            )  # fmt: skip
+    return {name: tuple(own) for name, own in scores.items()}
 
 
 def pooled(scores: Sequence[PieceScore]) -> Score:

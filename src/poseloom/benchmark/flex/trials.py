@@ -1,16 +1,17 @@
 """One contestant, one split, one seed: fitted, or gone on with from its checkpoint, and scored."""
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats, Floats32
+from poseloom.arrays import Array, Floats
 from poseloom.benchmark.flex.comparators import Chosen, choose
 from poseloom.benchmark.flex.material import DRAW, OWN_SUIT, Material
-from poseloom.benchmark.flex.scoring import PieceScore, Teller, score_pieces
+from poseloom.benchmark.flex.scoring import Output, Teller
 from poseloom.training.examples import heard_pieces
 from poseloom.training.fitting import (
     FitSettings,
@@ -124,35 +125,26 @@ def fit_trial(
     )  # fmt: skip
 
 
-def tellers(fitted: Fitted) -> dict[str, Teller]:
+def outputs_of(fitted: Fitted) -> dict[str, Output]:
     """What of a fitted network is scored: its plain outputs, and what its smoothing makes of them.
 
     The paper's median pads both ends and so looks a sample ahead: "centred" is that one, for offline use; "median" is
     the causal one, for live use.
     """
     if fitted.settings.network.kind is Kind.GRU:
-        return {
-            "plain": fitted.tell,
-            "smoothed": lambda heard: smoothed(fitted, fitted.tell(heard)),
-        }
-    return {
-        "plain": fitted.tell,
-        "median": lambda heard: median(fitted.tell(heard)),
-        "centred": lambda heard: centred_median(fitted.tell(heard)),
-    }
+        return {"plain": lambda told: told, "smoothed": partial(smoothed, fitted)}
+    return {"plain": lambda told: told, "median": median, "centred": centred_median}
+
+
+def live(fitted: Fitted) -> Teller:
+    """What a fitted network tells in live use."""
+    return lambda heard: smoothed(fitted, fitted.tell(heard))
 
 
 def centred_median(told: Floats[Array, "frames angles"]) -> Floats[Array, "frames angles"]:
     """The median of each output and its two neighbours in time; the ends are repeated (the paper pads zeros)."""
     padded = np.concatenate([told[:1], told, told[-1:]])
     return np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0)
-
-
-def score(
-    material: Material, split: str, tell: Teller, inputs: Sequence[Floats32[Array, "_ inputs"]]
-) -> tuple[PieceScore, ...]:
-    """Scores on the test part of a split."""
-    return score_pieces(material.sessions, material.divided(split).test, inputs, tell)
 
 
 def plain_comparator(material: Material, split: str, name: str) -> Chosen:
