@@ -60,7 +60,7 @@ class PhaseHmmSettings:
     shrinkage: float = 0.3
     correction: float = 0.3
     blend: float = 0.5
-    turn_limit: float = 0.1
+    turn_limit: float = 0.06
     body_scale: float = 0.002
     body_limit: float = 20.0
     mounting: float = np.deg2rad(5.0)
