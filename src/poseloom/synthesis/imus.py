@@ -44,7 +44,7 @@ class ImuNoise(Delivery):
         rate_scale: The same of the angular rate.
         bandwidth_hz: Frequency at which the sensor's filter, which has no delay, passes one half; at most a third of
             the motion's own rate. Infinite: no filter. Real sensors pass more than 10 Hz, but above it recordings of
-            motion hold more jitter than motion: a walk of CMU's then has two to ten times the power of a real one.
+            motion hold more jitter than motion (docs/benchmarks/real-imus.md).
         force_range_m_s2: End of the accelerometer's range; what lies beyond reads as the end, with status SATURATED.
         rate_range_rad_s: End of the gyroscope's range.
         clock_error: Standard deviation of the relative error of a sensor's clock: its samples slip against the truth.

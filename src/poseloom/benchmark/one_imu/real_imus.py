@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from poseloom.benchmark.one_imu.alignment_check import real_alignment, simulated_alignment
+from poseloom.benchmark.one_imu.bands import signal_bands
 from poseloom.benchmark.one_imu.cadence import Cadences, compare_cadences
 from poseloom.benchmark.one_imu.measures import headings
 from poseloom.benchmark.one_imu.optical import read_optical_walk
@@ -74,7 +75,7 @@ class RealOutcome:
     """What `measure_real_imus` found.
 
     Attributes:
-        results: Rows of the tables alignment-simulated, alignment-real, real-walk and cadence.
+        results: Rows of the tables bands, alignment-simulated, alignment-real, real-walk and cadence.
         pictures: For each recording its motions by name, over the same moments; the truth first where there is one.
         cadences: Of each recording.
     """
@@ -99,7 +100,7 @@ def measure_real_imus(
     pool = pooled(data)
     walks = [take.motion for take in pool.takes if take.behaviour == "walking"]
     tell("alignment", 0, 2)
-    rows = [*simulated_alignment(walks, seed), *real_alignment(data)]
+    rows = [*signal_bands(data, walks), *simulated_alignment(walks, seed), *real_alignment(data)]
     tell("alignment", 2, 2)
     pictures: dict[str, Mapping[str, Motion]] = {}
     for done, words in enumerate(WALK_PLACES):

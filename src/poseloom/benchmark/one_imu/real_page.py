@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from poseloom.benchmark.one_imu.alignment_check import PLACES
+from poseloom.benchmark.one_imu.bands import BANDS_HZ
 from poseloom.evaluation.rows import Results, Row
 
 _LEG_METRICS = (
@@ -20,8 +21,39 @@ def real_imus_figures(results: Results, commit: str) -> str:
         f"poseloom {results.version or 'of this commit'}, commit `{commit}`, digest of the motions that methods were "
         f"fitted to `{results.data_digest[:16]}`, seed {', '.join(map(str, seeds))}."
     )
-    parts = (told, _simulated(results.rows), _real(results.rows), _walk(results.rows), _cadence(results.rows))
+    parts = (
+        told,
+        _bands(results.rows),
+        _simulated(results.rows),
+        _real(results.rows),
+        _walk(results.rows),
+        _cadence(results.rows),
+    )
     return "\n\n".join(part for part in parts if part)
+
+
+def _bands(rows: Sequence[Row]) -> str:
+    mine = [row for row in rows if row.table == "bands"]
+    if not mine:
+        return ""
+    lines = [
+        (
+            place,
+            label,
+            *(_cell([row for row in mine if row.method == label], place, metric) for metric in _metrics(mine)),
+        )
+        for place in dict.fromkeys(row.setting for row in mine)
+        for label in dict.fromkeys(row.method for row in mine)
+    ]
+    heads = ("sensor", "of", *(f"{low:g} to {high:g} Hz" for low, high in BANDS_HZ))
+    return (
+        "## Where the signal lies\n\nRoot mean square of the specific force in walking, m/s², by frequency: of a real "
+        f"sensor, and of virtual ones on {mine[-1].sequences} recorded walks.\n\n{_table(heads, lines)}"
+    )
+
+
+def _metrics(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(row.metric for row in rows))
 
 
 def _simulated(rows: Sequence[Row]) -> str:

@@ -92,7 +92,7 @@ def wearer_of(optical: OpticalWalk) -> Skeleton:
         hip = body.index(f"{side}UpperLeg")
         offsets[hip, 0] *= optical.length("leftUpperLeg", "rightUpperLeg") / (2 * abs(offsets[hip, 0]))
     tips = {name: body.tips[i] for i, name in enumerate(body.names) if np.isfinite(body.tips[i]).all()}
-    return make_skeleton(body.names, list(body.parents), offsets, tips)
+    return make_skeleton(body.names, body.parents, offsets, tips)
 
 
 def optical_legs(optical: OpticalWalk, rows: Floats[Array, "moments"]) -> LegPlaces:
