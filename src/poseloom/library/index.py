@@ -1,6 +1,7 @@
 """Finding the moments of a library that are like a given one: features, their principal components, and faiss."""
 
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -215,18 +216,23 @@ def _principal(raw: Floats32[Array, "moments raw"], columns: int) -> Projection:
 
 
 def _cells(columns: Floats32[Array, "moments columns"]) -> Any:
-    """A faiss index: exact for small libraries, else inverted lists of some hundred to a thousand moments each."""
+    """A faiss index: exact for small libraries, else inverted lists, about four times the root of the moments' number.
+
+    At 1.26 million moments 4096 lists, of which 20 are looked into, take a third of the time of 1024 and 24, and find
+    the same: a search costs one distance a list and one for each moment in the lists looked into.
+    """
     faiss.omp_set_num_threads(1)
     count, width = columns.shape
     if count < 20_000:
         index = faiss.IndexFlatL2(width)
         index.add(np.ascontiguousarray(columns))
         return index
-    lists = 256 if count < 200_000 else 1024
+    lists = 2 ** round(math.log2(4.0 * math.sqrt(count)))
     index = faiss.index_factory(width, f"IVF{lists},Flat")
-    training = np.sort(np.random.default_rng(0).permutation(count)[: 64 * lists])
+    training = np.sort(np.random.default_rng(0).permutation(count)[: 40 * lists])
+    index.cp.niter = 10
     index.train(np.ascontiguousarray(columns[training]))
     for start in range(0, count, _CHUNK):
         index.add(np.ascontiguousarray(columns[start : start + _CHUNK]))
-    index.nprobe = 16 if lists == 256 else 24
+    index.nprobe = 20
     return index

@@ -103,3 +103,45 @@ def gather_outputs(
         nearest_branches_in_place(out[i], before)
         for d in range(size):
             out[i, d] += persistence * (previous[d] - before[d])
+
+
+@compiled
+def turn_gaps(
+    offsets: Floats[Array, "sensors 3"],
+    measured: Floats[Array, "sensors 3 3"],
+    last: Floats[Array, "sensors 3 3"],
+    carried: Floats[Array, "sensors 3 3"],
+    swings: Floats[Array, "sensors 3"],
+    gaps: Floats[Array, "sensors 3"],
+) -> None:
+    """Fills the rotation vectors that lead from exp(offset) measured to `last`, and from the measured to `carried`.
+
+    A missing orientation leaves NaN.
+    """
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    for s in range(offsets.shape[0]):
+        exp_matrix(float(offsets[s, 0]), float(offsets[s, 1]), float(offsets[s, 2]), turn)
+        for a in range(3):
+            for b in range(3):
+                turned[a, b] = 0.0
+                for c in range(3):
+                    turned[a, b] += turn[a, c] * measured[s, c, b]
+        _log_between(last[s], turned, turn, swings[s])
+        _log_between(carried[s], measured[s], turn, gaps[s])
+
+
+@compiled
+def _log_between(
+    to: Floats[Array, "3 3"], start: Floats[Array, "3 3"], work: Floats[Array, "3 3"], out: Floats[Array, "3"]
+) -> None:
+    """Rotation vector of to start'; NaN where either is missing."""
+    for a in range(3):
+        for b in range(3):
+            work[a, b] = 0.0
+            for c in range(3):
+                work[a, b] += to[a, c] * start[b, c]
+    if math.isfinite(work[0, 0]):
+        log_rotation(work, out)
+    else:
+        for a in range(3):
+            out[a] = math.nan

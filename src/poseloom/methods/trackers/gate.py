@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats, Ints
+from poseloom.methods.trackers import _kernels
 from poseloom.methods.trackers.observation import heard
 from poseloom.methods.trackers.state import GateSettings, Wearer
-from poseloom.rotations import matrix_from_rotvec, rotvec_from_matrix
+from poseloom.rotations import matrix_from_rotvec
 from poseloom.skeleton.kinematics import forward_kinematics
 from poseloom.solve import SensorReadings
 
@@ -73,16 +74,16 @@ def gate(
     places, turns = _carried(wearer, newest)
     said = heard(readings)
     moved = readings.positions + trust.place_offsets
-    turned = matrix_from_rotvec(trust.turn_offsets) @ readings.rotations
     known = trust.missing == 0
     shifts = np.where(known[:, :1], trust.places + trust.steps, places) - moved
-    swings = rotvec_from_matrix(np.where(known[:, 1, None, None], trust.turns, turns) @ np.swapaxes(turned, -1, -2))
+    swings, gaps = np.empty_like(moved), np.empty_like(moved)
+    last = np.where(known[:, 1, None, None], trust.turns, turns)
+    _kernels.turn_gaps(trust.turn_offsets, readings.rotations, last, turns, swings, gaps)
     far = _far(shifts, swings, said, settings)
     doubted = np.where(far, trust.doubted + 1, 0)
     silenced = far & (doubted <= settings.patience)
     taken = said & ~silenced[:, None]
     back = taken & ((trust.missing != 0) | (far & ~silenced)[:, None])
-    gaps = rotvec_from_matrix(turns @ np.swapaxes(readings.rotations, -1, -2))
     place_offsets = np.where(back[:, :1], places - readings.positions, trust.place_offsets)
     place_offsets = _faded(place_offsets, settings.fading, settings.glide_position)
     turn_offsets = _faded(np.where(back[:, 1:], gaps, trust.turn_offsets), settings.fading, settings.glide_orientation)

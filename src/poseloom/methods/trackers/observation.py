@@ -28,9 +28,12 @@ def root_turned(covariance: Floats[Array, "dofs dofs"], heading: float) -> Float
 
     Exact for the place; for the rotation vector to first order about an upright root: enough for a short memory.
     """
-    turn = np.eye(len(covariance))
-    turn[:3, :3] = turn[3:6, 3:6] = _seen_along(heading)
-    return turn @ covariance @ turn.T
+    turn, out = _seen_along(heading), covariance.copy()
+    for block in (slice(0, 3), slice(3, 6)):
+        out[block] = turn @ out[block]
+    for block in (slice(0, 3), slice(3, 6)):
+        out[:, block] = out[:, block] @ turn.T
+    return out
 
 
 def _seen_along(heading: float) -> Floats[Array, "3 3"]:
