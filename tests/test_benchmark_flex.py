@@ -16,9 +16,10 @@ from poseloom.benchmark.flex.conditions import SPOILT, ageing_rows, fault_rows, 
 from poseloom.benchmark.flex.material import BY_SUBJECT, WITHIN, Material, part_of, person_of
 from poseloom.benchmark.flex.page import flex_figures
 from poseloom.benchmark.flex.picture import accuracy_and_jitter_svg
+from poseloom.benchmark.flex.run import Plan, run_flex
 from poseloom.benchmark.flex.scoring import PieceScore, jitter_of, pooled, score_pieces
 from poseloom.benchmark.flex.tables import by_joint, by_motion, half_interval, motion_of, paired, summarised
-from poseloom.benchmark.flex.trials import Trial, centred_median
+from poseloom.benchmark.flex.trials import Effort, Trial, centred_median
 from poseloom.cli._app import run
 from poseloom.evaluation.rows import Results, Row, read_results, write_results
 from poseloom.library import MotionLibrary, build_library, open_library
@@ -41,7 +42,8 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Material:
     clips = chosen_clips(library, lambda clip: clip.name.removeprefix("samples/") in ("walk", "run", "punch"))
     sessions = make_sessions(library, clips, mean_angles(library, clips), lambda clip: clip.name)
     names = [session.person for session in sessions]
-    split = by_person(sessions, lambda person: Part.TEST if person == names[-1] else Part.TRAIN)
+    parts = {names[0]: Part.VALIDATE, names[-1]: Part.TEST}
+    split = by_person(sessions, lambda person: parts.get(person, Part.TRAIN))
     sets = draw_sets(sessions, replace(FitSettings(), draws=2), 0)
     return Material(library, sessions, within_takes(sessions, 30, least=2), split, sets)
 
@@ -183,6 +185,26 @@ def test_conditions_cover_ageing_faults_and_replacement(material: Material) -> N
     assert ratios
     silent = [each for each in heard if (each[:, 4:] == 0).all(axis=0).any()]
     assert silent
+
+
+def test_a_whole_run_at_a_tiny_size(material: Material, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("poseloom.benchmark.flex.run.prepare", lambda *_: material)
+    effort = Effort(epochs=1, stride=64, hidden=8, our_epochs=1, our_hidden=8)
+    plan = Plan(tmp_path, tmp_path, {WITHIN: 2, BY_SUBJECT: 1}, effort, lengths=(40,))
+    done: list[str] = []
+    results = run_flex(plan, lambda name, *_: done.append(name))
+    tables = {row.table for row in results.rows}
+    assert tables >= {"2", "3", "5", "6", "paired", "people", "ageing", "faults", "replaced", "speed", "other sensors"}
+    write_results(results, tmp_path / "flex.json")
+    page = flex_figures(results, "deadbeef")
+    for name in ("Bi-LSTM-CM", "flex-scales", "nearest windows", "Transformer", "ridge"):
+        assert f"| {name} |" in page
+    # A second run goes on from the checkpoints: nothing is trained, and every figure comes again.
+    done.clear()
+    again = run_flex(plan, lambda name, *_: done.append(name))
+    assert not done
+    untimed = [row for row in results.rows if row.table != "speed"]
+    assert [row for row in again.rows if row.table != "speed"] == untimed
 
 
 def test_figures_and_picture(tmp_path: Path) -> None:

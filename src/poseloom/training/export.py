@@ -3,7 +3,8 @@
 import io
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -122,10 +123,7 @@ def to_step_network(module: WindowStep | ScalesStep) -> StepNetwork:
     parts = module.parts()
     memory = [torch.zeros(part.shape) for part in parts]
     file = io.BytesIO()
-    with warnings.catch_warnings(), torch.inference_mode(mode=False), torch.no_grad():
-        # torch's newer exporter needs a further package; the older one warns that it is the older one.
-        warnings.simplefilter("ignore")
-        torch.backends.mha.set_fastpath_enabled(False)  # that fused layer has no counterpart in ONNX
+    with _exportable(), torch.no_grad():
         torch.onnx.export(  # pyright: ignore[reportUnknownMemberType]
             module,
             (torch.zeros(1, INPUTS), torch.zeros(1), *memory),
@@ -136,6 +134,22 @@ def to_step_network(module: WindowStep | ScalesStep) -> StepNetwork:
             dynamo=False,
         )
     return StepNetwork(file.getvalue(), parts)
+
+
+@contextmanager
+def _exportable() -> Generator[None, None, None]:
+    """While torch exports: the fused attention layer, which has no counterpart in ONNX, is off, and warnings are still.
+
+    torch's newer exporter needs a further package; the older one warns that it is the older one.
+    """
+    fused = torch.backends.mha.get_fastpath_enabled()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.backends.mha.set_fastpath_enabled(False)
+        try:
+            yield
+        finally:
+            torch.backends.mha.set_fastpath_enabled(fused)
 
 
 def export(

@@ -109,12 +109,17 @@ def _paired(rows: Sequence[Row]) -> str:
         (
             *(method, setting, split),
             _cell(mine, "paired", method, split, "error_less_deg", setting),
+            _cell(mine, "paired", method, split, "error_less_deg_per_sequence", setting),
             _cell(mine, "paired", method, split, "jitter_less_deg_s3", setting, 1e4),
+            _cell(mine, "paired", method, split, "jitter_less_deg_s3_per_sequence", setting, 1e4),
         )
         for method, setting, split in keys
     ]
-    heads = ("what is added", "normalised by", "split", "less error, °", "less jitter")
-    title = "## What the calibrator (C) and the median (M) bring, seed by seed"
+    heads = (
+        *("what is added", "normalised by", "split", "less error, °", "a sequence, ± over sequences"),
+        *("less jitter", "a sequence, ± over sequences"),
+    )
+    title = "## What the calibrator (C) and the median (M) bring, seed by seed and take by take"
     return f"{title}\n\nPositive helps. M is causal; centred, as in the paper, it looks a sample ahead.\n\n" + _table(
         heads, lines
     )

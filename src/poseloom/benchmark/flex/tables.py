@@ -54,7 +54,7 @@ def summarised(table: str, split: str, found: Found) -> list[Row]:
 
 
 def paired(split: str, found: Found, setting: str = "range learnt on line") -> list[Row]:
-    """What the calibrator and the median bring, seed by seed: positive where they help."""
+    """What the calibrator and the median bring, seed by seed and take by take: positive where they help."""
     pairs = (
         ("C", "Bi-LSTM", "Bi-LSTM-C"),
         ("C with M", "Bi-LSTM-M", "Bi-LSTM-CM"),
@@ -65,10 +65,25 @@ def paired(split: str, found: Found, setting: str = "range learnt on line") -> l
     )
     rows: list[Row] = []
     for name, without, with_it in pairs:
-        first, second = ([pooled(run) for run in found[each]] for each in (without, with_it))
         for metric, of in (("error_less_deg", _error), ("jitter_less_deg_s3", _jitter)):
-            values = [of(a) - of(b) for a, b in zip(first, second, strict=True)]
-            rows += _rows("paired", name, setting, split, metric, values, first[0].sequences, first[0].frames)
+            pieces = np.array(
+                [
+                    [of([a]) - of([b]) for a, b in zip(first, second, strict=True)]
+                    for first, second in zip(found[without], found[with_it], strict=True)
+                ]
+            )
+            seeds = [of(first) - of(second) for first, second in zip(found[without], found[with_it], strict=True)]
+            total = pooled(found[without][0])
+            own = _rows("paired", name, setting, split, metric, seeds, total.sequences, total.frames)
+            over_pieces = pieces.mean(axis=0)
+            over_pieces = over_pieces[np.isfinite(over_pieces)].tolist()
+            rows += own
+            for what, value in (
+                ("per_sequence", float(np.mean(over_pieces))),
+                ("per_sequence_ci95", half_interval(over_pieces)),
+            ):
+                if np.isfinite(value):
+                    rows.append(Row("paired", name, setting, split, f"{metric}_{what}", value, None, total.sequences))
     return rows
 
 
@@ -117,9 +132,9 @@ def _rows(
     return rows
 
 
-def _error(score: object) -> float:
-    return float(getattr(score, "error"))  # noqa: B009
+def _error(scores: Sequence[PieceScore]) -> float:
+    return pooled(scores).error
 
 
-def _jitter(score: object) -> float:
-    return float(getattr(score, "jitter"))  # noqa: B009
+def _jitter(scores: Sequence[PieceScore]) -> float:
+    return pooled(scores).jitter
