@@ -68,7 +68,7 @@ class RootSettings:
     heading_rad: float = 0.05
     heading_rad_s: float = 0.002
     height_m: float = 0.05
-    path_share: float = 0.2
+    path_share: float = 0.5
     upright_s: float = 0.4
     unobserved_rad: float = 1.0
     unobserved_m: float = 3.0
