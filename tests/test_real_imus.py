@@ -145,7 +145,7 @@ def test_the_page_shows_what_is_there():
     page = real_imus_figures(Results("real-imus", "0123456789abcdef0", rows), "abc")
     assert "commit `abc`" in page
     assert "| hips | 1.50 ± 0.50 |" in page
-    assert "| hips |  | 3.2 |" in page
+    assert "| hips |  | 3.2 |  |" in page
     assert "| gaitmap |  | 111 |" in page
 
 

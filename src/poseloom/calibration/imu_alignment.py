@@ -19,6 +19,9 @@ from poseloom.rotations import quat_conjugate, quat_from_matrix, quat_multiply
 from poseloom.sensors.placement import default_placements
 from poseloom.sensors.recording import Recording
 
+_WALKED_SECONDS = 2.0
+"""Least that must have been heard of a walk."""
+
 
 @dataclass(frozen=True, eq=False)
 class ImuAlignment:
@@ -76,13 +79,14 @@ def align_imus(
     found: list[ImuAlignment] = []
     for index, sensor in enumerate(recording.layout.sensors):
         forces, turns = recording.specific_forces[:, index], recording.angular_rates[:, index]
-        up, bias = np.nanmean(forces[still], axis=0), np.nanmean(turns[still], axis=0)
-        walked = _without_gaps(recording.times, forces, turns - bias, moving)
-        if not (np.isfinite(up).all() and np.isfinite(bias).all()) or len(walked[0]) < 2 * recording.layout.rate:
+        spoke = np.isfinite(forces).all(axis=1) & np.isfinite(turns).all(axis=1)
+        if not (still & spoke).any() or np.count_nonzero(moving & spoke) < _WALKED_SECONDS * recording.layout.rate:
             raise SensorError(
                 f"sensor {sensor.name!r} is missing while its wearer stands or walks",
-                remedy="Choose moments at which it spoke, with two seconds of walking",
+                remedy=f"Choose moments at which it spoke, with {_WALKED_SECONDS:g} seconds of walking",
             )
+        up, bias = forces[still & spoke].mean(axis=0), turns[still & spoke].mean(axis=0)
+        walked = _without_gaps(recording.times, forces, turns - bias, moving)
         R_level_sensor = _levelling(up)
         heading = HEADINGS[_kind(sensor.bone)](
             LevelWalk(recording.layout.rate, walked[0] @ R_level_sensor.T, walked[1] @ R_level_sensor.T)
@@ -143,8 +147,6 @@ def _without_gaps(
 ) -> tuple[Floats[Array, "walked 3"], Floats[Array, "walked 3"]]:
     """Signals of the walk; short gaps are bridged by straight lines, which only this alignment sees."""
     known = np.isfinite(forces).all(axis=1) & np.isfinite(turns).all(axis=1)
-    if (known & moving).sum() < 2:
-        return np.empty((0, 3)), np.empty((0, 3))
     bridged = [
         np.stack([np.interp(times[moving], times[known], values[known, axis]) for axis in range(3)], axis=1)
         for values in (forces, turns)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseloom.arrays import Array, Floats
-from poseloom.benchmark.one_imu.optical import FIRST_ROW, read_optical_walk
+from poseloom.benchmark.one_imu.optical import FIRST_ROW, RATE, read_optical_walk
 from poseloom.benchmark.one_imu.real_walk import NEURA_SENSORS
 from poseloom.calibration.imu_alignment import align_imus
 from poseloom.errors import SensorError
@@ -28,7 +28,9 @@ from poseloom.rotations import (
     quat_from_rotvec,
 )
 from poseloom.sensors.layout import imu_layout
+from poseloom.sensors.paths import SmoothPath
 from poseloom.sensors.placement import default_placements, make_placement
+from poseloom.skeleton.differences import angular_velocity
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.resample import interpolate_pose_vectors
 from poseloom.synthesis.imus import ImuNoise, simulate_imus
@@ -38,6 +40,7 @@ _STAND_SECONDS, _BLEND_SECONDS = 2.0, 0.5
 _SHORTEST_WALK = 4.0
 _SLOWEST_M_S, _MOST_TURNING_DEG_S = 0.7, 30.0
 _BACKWARDS_DEG = 90.0
+_TURNING_HZ = 6.0
 
 
 class AlignmentError(NamedTuple):
@@ -131,7 +134,22 @@ def real_alignment(data: Path) -> tuple[Row, ...]:
         error = alignment_error(found.R_bone_sensor, true)
         rows += _rows("alignment-real", "standing and walking", place, [error], 0, None)
         rows.append(Row("alignment-real", "cameras and sensor", place, "none", "residual_deg", left, sequences=1))
+        if place != "hips":
+            own = turning_axis_deg(optical.bones[bone])
+            rows.append(Row("alignment-real", "cameras", place, "none", "turning_axis_deg", own, sequences=1))
     return tuple(rows)
+
+
+def turning_axis_deg(bones: Floats[Array, "frames 3 3"]) -> float:
+    """Heading, in a bone's own axes, of the level axis about which it turns most, against its axis to the left.
+
+    Alignment can find no other axis than this one: a foot that is turned out by 20 degrees swings straight on.
+    """
+    turns = np.einsum("nji,nj->ni", bones, angular_velocity(bones, RATE))
+    moved = SmoothPath(turns, RATE, _TURNING_HZ).at(np.arange(len(turns), dtype=np.float64))[:, [0, 2]]
+    axis = np.linalg.eigh(moved.T @ moved)[1][:, 1]
+    axis = axis * np.sign(axis[0])
+    return math.degrees(math.atan2(-axis[1], axis[0]))
 
 
 def hand_eye(

@@ -84,11 +84,15 @@ def _real(rows: Sequence[Row]) -> str:
             place,
             _cell(mine, place, "tilt_deg", 1),
             _cell(mine, place, "heading_deg", 1),
+            _cell(mine, place, "turning_axis_deg", 1),
             _cell(mine, place, "residual_deg", 1),
         )
         for place in PLACES
     ]
-    heads = ("sensor", "tilt, degrees", "heading, degrees", "what cameras and sensor disagree by, degrees")
+    heads = (
+        *("sensor", "tilt, degrees", "heading, degrees", "heading of the axis of turning, by cameras alone"),
+        "what cameras and sensor disagree by",
+    )
     return f"## Alignment of real sensors, against cameras\n\n{_table(heads, lines)}"
 
 
