@@ -43,19 +43,19 @@ class PhaseHmmSettings:
         phases: How phases are told.
     """
 
-    window: int = 20
-    columns: int = 40
+    window: int = 30
+    columns: int = 60
     window_emission: bool = True
-    tempering: float = 1.0
+    tempering: float = 1.5
     steps: tuple[float, float, float] = (0.2, 0.6, 0.2)
     upper_next: float = 0.5
     continuity: float = 0.5
     restart: float = 0.05
     restart_states: int = 12_000
     beam: float = 12.0
-    neighbours: int = 5
+    neighbours: int = 10
     one_phase: bool = False
-    sharpness: float = 1.0
+    sharpness: float = 0.5
     weight_smoothing: float = 0.0
     shrinkage: float = 0.3
     correction: float = 0.3
@@ -74,6 +74,8 @@ class PhaseHmmSettings:
 
 PAPER_SETTINGS = PhaseHmmSettings(
     window=1,
+    neighbours=5,
+    sharpness=1.0,
     columns=0,
     window_emission=False,
     tempering=1.0,
