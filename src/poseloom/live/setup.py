@@ -17,7 +17,7 @@ from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource
 from poseloom.live.specifications import LOOPBACK, make_sender, make_source
-from poseloom.methods import DEFAULT_METHOD, METHODS, make_method, needs_library, needs_model
+from poseloom.methods import METHODS, make_method, needs_library, needs_model
 from poseloom.methods.contract import Reconstructor
 from poseloom.sensors import (
     Placement,
@@ -32,7 +32,9 @@ from poseloom.sensors import (
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.skeleton import Skeleton
 
-_WITHOUT_LIBRARY = "inverse-kinematics"
+_WITH_LIBRARY, _WITHOUT_LIBRARY = "local-gaussian", "inverse-kinematics"
+"""Methods for trackers unless one is named. The recommended one of `METHODS` is more exact and takes longer a step than
+a busy machine has at 60 Hz."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class LiveSettings:
 
     Attributes:
         source: Where samples come from; see `make_source`.
-        method: Name of a method; empty: the recommended one if there is a library, else inverse kinematics.
+        method: Name of a method; empty: local-gaussian if there is a library, else inverse kinematics.
         library: Folder of a motion library.
         model: File of a fitted model.
         calibration: File of a calibration.
@@ -225,7 +227,7 @@ def _default(heard: SensorLayout, library: MotionLibrary | None) -> str:
             f"no method was given for the layout {heard.name!r}",
             remedy="Give --method and --model; `poseloom methods` lists what there is",
         )
-    return DEFAULT_METHOD if library is not None else _WITHOUT_LIBRARY
+    return _WITH_LIBRARY if library is not None else _WITHOUT_LIBRARY
 
 
 def _wearer(
