@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from poseloom.skeleton.motion import Motion
     from poseloom.skeleton.retarget import retarget
     from poseloom.skeleton.skeleton import Skeleton
+    from poseloom.synthesis.imus import ImuNoise, simulate_imus
     from poseloom.synthesis.noise import TrackerNoise
     from poseloom.synthesis.trackers import simulate_trackers
 
 _HOMES = {
     "Frame": "methods.contract",
+    "ImuNoise": "synthesis.imus",
     "InverseKinematics": "methods.trackers",
     "LocalGaussian": "methods.trackers",
     "LocalRegression": "methods.trackers",
@@ -50,6 +52,7 @@ _HOMES = {
     "reconstruct": "methods.contract",
     "retarget": "skeleton.retarget",
     "sample_motions": "samples",
+    "simulate_imus": "synthesis.imus",
     "simulate_trackers": "synthesis.trackers",
     "write_motion": "formats",
     "write_recording": "formats.recording",
@@ -58,6 +61,7 @@ _HOMES = {
 
 __all__ = [
     "Frame",
+    "ImuNoise",
     "InverseKinematics",
     "LocalGaussian",
     "LocalRegression",
@@ -80,6 +84,7 @@ __all__ = [
     "reconstruct",
     "retarget",
     "sample_motions",
+    "simulate_imus",
     "simulate_trackers",
     "write_motion",
     "write_recording",
