@@ -12,6 +12,7 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from playwright.sync_api import Page, Playwright, sync_playwright
 
 from poseloom.formats.recording import write_recording
@@ -22,6 +23,7 @@ from poseloom.live.source_replay import ReplaySource
 from poseloom.methods import make_method
 from poseloom.samples import sample_motions
 from poseloom.sensors import layout
+from poseloom.skeleton.motion import make_motion
 from poseloom.skeleton.resample import resample
 from poseloom.synthesis import simulate_trackers
 from poseloom.viewer.player import Player
@@ -82,8 +84,10 @@ def main() -> None:
 
 
 def photograph_session(shots: list[Shot], folder: Path) -> None:
-    """A live session on simulated trackers of which one falls silent."""
-    motion = resample(sample_motions()["dance_a"], 40.0)
+    """A live session on simulated trackers."""
+    dance = resample(sample_motions()["dance_a"], 40.0)
+    # There and back: it is repeated, and trackers that jump would be disbelieved.
+    motion = make_motion(dance.skeleton, np.concatenate([dance.q, dance.q[::-1]]), dance.rate, "dance_a")
     recording = simulate_trackers(motion, layout("six-trackers"), seed=2)
     library = built_library(folder)
     viewer = SessionViewer(port=0)

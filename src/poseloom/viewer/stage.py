@@ -169,9 +169,9 @@ def _light(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
     """
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map(None)
-    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(215, 215, 225), intensity=1.9)
-    scene.add_light_directional("/fill", intensity=0.7, position=(2.5, 1.2, 3.0))
-    return scene.add_light_directional("/sun", intensity=2.0, cast_shadow=True, position=(-1.2, 3.0, 2.0))
+    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(215, 215, 225), intensity=2.3)
+    scene.add_light_directional("/fill", intensity=0.9, position=(2.5, 1.2, 3.0))
+    return scene.add_light_directional("/sun", intensity=2.2, cast_shadow=True, position=(-1.2, 3.0, 2.0))
 
 
 def _lay_floor(scene: viser.SceneApi) -> None:
