@@ -75,8 +75,7 @@ def paired(split: str, found: Found, setting: str = "range learnt on line") -> l
             seeds = [of(first) - of(second) for first, second in zip(found[without], found[with_it], strict=True)]
             total = pooled(found[without][0])
             own = _rows("paired", name, setting, split, metric, seeds, total.sequences, total.frames)
-            over_pieces = pieces.mean(axis=0)
-            over_pieces = over_pieces[np.isfinite(over_pieces)].tolist()
+            over_pieces = [float(value) for value in np.asarray(pieces.mean(axis=0)) if np.isfinite(value)]
             rows += own
             for what, value in (
                 ("per_sequence", float(np.mean(over_pieces))),
