@@ -33,20 +33,26 @@ def real_imus(
         Path | None, typer.Option("--markdown", help="Page to put the figures into, between its marks.")
     ] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for SVG pictures, one a recording.")] = None,
+    part: Annotated[
+        list[str] | None,
+        typer.Option(help="alignment, walk or cadence; may be repeated. Other tables of the JSON file stay."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
 ) -> None:
     """Measure alignment of sensors to bones, a real walk against cameras, and the cadence of other recordings.
 
     Example: poseloom benchmark real-imus --json real-imus.json --markdown real-imus.md --pictures pictures
     """
+    from dataclasses import replace
+
     from rich.console import Console
     from rich.markdown import Markdown
 
     from poseloom.benchmark.one_imu.plan import METHODS, OURS
-    from poseloom.benchmark.one_imu.real_imus import measure_real_imus
+    from poseloom.benchmark.one_imu.real_imus import PARTS, measure_real_imus
     from poseloom.benchmark.one_imu.real_page import real_imus_figures
     from poseloom.benchmark.six_trackers.page import write_figures
-    from poseloom.evaluation.rows import write_results
+    from poseloom.evaluation.rows import read_results, write_results
 
     if data is None or not (data / "imu").is_dir():
         raise PoseloomError(
@@ -57,12 +63,20 @@ def real_imus(
     for name in method or ():
         if name not in METHODS:
             raise unknown_name("method", name, METHODS)
+    for name in part or ():
+        if name not in PARTS:
+            raise unknown_name("part", name, PARTS)
     with progress_bars() as show:
-        outcome = measure_real_imus(data, tuple(method or (OURS,)), seed, show)
-    figures = real_imus_figures(outcome.results, running_commit())
+        outcome = measure_real_imus(data, tuple(method or (OURS,)), seed, show, tuple(part or PARTS))
+    results = outcome.results
+    if part and json is not None and json.is_file():
+        measured = {row.table for row in results.rows}
+        kept = tuple(row for row in read_results(json).rows if row.table not in measured)
+        results = replace(results, rows=kept + results.rows)
+    figures = real_imus_figures(results, running_commit())
     Console().print(Markdown(figures))
     if json is not None:
-        write_results(outcome.results, json)
+        write_results(results, json)
     if markdown is not None:
         write_figures(markdown, figures, "Real IMUs")
     if pictures is not None:

@@ -35,6 +35,9 @@ WALK_PLACES: tuple[tuple[str, ...], ...] = (
 )
 """What S02 wears in the walk with truth."""
 
+PARTS = ("alignment", "walk", "cadence")
+"""Bands of the signal and alignment to bones; the walk with truth; cadence of all recordings."""
+
 SHOWN_SECONDS = 3.0
 """Of each recording, in pictures."""
 
@@ -86,7 +89,11 @@ class RealOutcome:
 
 
 def measure_real_imus(
-    data: Path, methods: tuple[str, ...] = (OURS,), seed: int = 0, progress: Progress | None = None
+    data: Path,
+    methods: tuple[str, ...] = (OURS,),
+    seed: int = 0,
+    progress: Progress | None = None,
+    parts: tuple[str, ...] = PARTS,
 ) -> RealOutcome:
     """Measures real sensors; methods are fitted to the whole pool of motions, in which nobody of these walks.
 
@@ -95,14 +102,33 @@ def measure_real_imus(
         methods: Of `plan.METHODS`; for the walk with truth. Cadence and pictures are of the first.
         seed: Of all that is drawn.
         progress: Told what is being done.
+        parts: Of `PARTS`.
     """
     tell: Progress = progress or (lambda what, done, total: None)
     pool = pooled(data)
-    walks = [take.motion for take in pool.takes if take.behaviour == "walking"]
-    tell("alignment", 0, 2)
-    rows = [*signal_bands(data, walks), *simulated_alignment(walks, seed), *real_alignment(data)]
-    tell("alignment", 2, 2)
+    rows: list[Row] = []
     pictures: dict[str, Mapping[str, Motion]] = {}
+    cadences: dict[str, Cadences] = {}
+    if "alignment" in parts:
+        tell("alignment", 0, 1)
+        walks = [take.motion for take in pool.takes if take.behaviour == "walking"]
+        rows += [*signal_bands(data, walks), *simulated_alignment(walks, seed), *real_alignment(data)]
+        tell("alignment", 1, 1)
+    if "walk" in parts:
+        found, pictures["neura_walk"] = _walks(data, methods, seed, tell)
+        rows += found
+    if "cadence" in parts:
+        found, cadences, drawn = _cadences(data, methods[0], seed, tell)
+        rows += found
+        pictures = {**drawn, **pictures}
+    results = Results("real-imus", motions_digest(take.motion for take in pool.takes), tuple(rows))
+    return RealOutcome(results, MappingProxyType(pictures), MappingProxyType(cadences))
+
+
+def _walks(data: Path, methods: tuple[str, ...], seed: int, tell: Progress) -> tuple[list[Row], Mapping[str, Motion]]:
+    """The walk with truth, by all places, and a picture of it by the first."""
+    rows: list[Row] = []
+    shown: Mapping[str, Motion] = {}
     for done, words in enumerate(WALK_PLACES):
         tell("the walk with truth", done, len(WALK_PLACES))
         sensors = f"{'+'.join(words)}-imu"
@@ -110,20 +136,28 @@ def measure_real_imus(
         found, made = real_walk(data, makers, words)
         rows += [row for row in found if done == 0 or row.setting != "no sensor"]
         if done == 0:
-            pictures["neura_walk"] = _beside_truth(data, made)
+            shown = _beside_truth(data, made)
     tell("the walk with truth", len(WALK_PLACES), len(WALK_PLACES))
+    return rows, shown
+
+
+def _cadences(
+    data: Path, method: str, seed: int, tell: Progress
+) -> tuple[list[Row], dict[str, Cadences], dict[str, Mapping[str, Motion]]]:
+    """Rows, cadences and pictures of all recordings."""
+    rows: list[Row] = []
     cadences: dict[str, Cadences] = {}
-    method = fitted(_question(data, methods[0], "right-foot-imu", seed))
+    pictures: dict[str, Mapping[str, Motion]] = {}
+    runs = fitted(_question(data, method, "right-foot-imu", seed))
     for done, (name, recording) in enumerate(REAL_RECORDINGS.items()):
         tell("cadence", done, len(REAL_RECORDINGS))
         heard = aligned_recording(data, recording)
-        made = reconstruct(method, heard)
+        made = reconstruct(runs, heard)
         cadences[name] = compare_cadences(heard, made.motion, int(made.samples[0]))
-        rows += _cadence_rows(methods[0], name, cadences[name])
-        pictures.setdefault(name, {methods[0]: _middle(heard, made)})
+        rows += _cadence_rows(method, name, cadences[name])
+        pictures[name] = {method: _middle(heard, made)}
     tell("cadence", len(REAL_RECORDINGS), len(REAL_RECORDINGS))
-    results = Results("real-imus", motions_digest(take.motion for take in pool.takes), tuple(rows))
-    return RealOutcome(results, MappingProxyType(pictures), MappingProxyType(cadences))
+    return rows, cadences, pictures
 
 
 def aligned_recording(data: Path, recording: RealRecording) -> Recording:

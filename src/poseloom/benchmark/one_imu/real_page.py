@@ -58,6 +58,8 @@ def _metrics(rows: Sequence[Row]) -> list[str]:
 
 def _simulated(rows: Sequence[Row]) -> str:
     mine = [row for row in rows if row.table == "alignment-simulated"]
+    if not mine:
+        return ""
     lines = [
         (
             place,
@@ -79,6 +81,8 @@ def _simulated(rows: Sequence[Row]) -> str:
 
 def _real(rows: Sequence[Row]) -> str:
     mine = [row for row in rows if row.table == "alignment-real"]
+    if not mine:
+        return ""
     lines = [
         (
             place,
