@@ -121,7 +121,7 @@ def test_every_setting_of_a_space_can_be_made(
     recording = recording_of(Trial(method, cases[0], 0, Conditions(), folder, limit=5))
     for name, values in sweeping.SPACES[method].items():
         made = changed_method(method, recording, library, None, {name: values[-1]})
-        holders = [getattr(made, part, None) for part in ("model", "neighbours", "parameters")]
+        holders = [getattr(made, part, None) for part in ("model", "neighbours", "parameters", "features")]
         found = [getattr(each, name) for each in holders if hasattr(each, name)] or [str(getattr(made, name))]
         assert found == [values[-1]]
 

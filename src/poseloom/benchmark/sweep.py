@@ -23,7 +23,6 @@ from poseloom.benchmark.six_trackers.sequences import (
 from poseloom.benchmark.six_trackers.trials import Trial, opened, run_trial
 from poseloom.evaluation.cases import Case, Conditions
 from poseloom.evaluation.rows import Results, Row, motions_digest
-from poseloom.library.features import FeatureSettings
 from poseloom.library.pool import in_order
 from poseloom.methods import METHODS
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematicsSettings
@@ -245,7 +244,7 @@ def own_setting(method: str) -> dict[str, Any]:
         return {name: getattr(InverseKinematicsSettings(), name) for name in SPACES[method]}
     parts = (kind.default_model, kind.default_neighbours)
     own = {name: getattr(part, name) for part in parts for name in SPACES[method] if hasattr(part, name)}
-    return own | {"query": str(kind.default_query), "history": FeatureSettings().history}
+    return own | {"query": str(kind.default_query), "history": kind.default_features.history}
 
 
 def in_words(setting: Setting) -> str:

@@ -50,7 +50,7 @@ class FeatureSettings:
         sensor_columns: Principal components kept of the sensors.
     """
 
-    history: int = 3
+    history: int = 1
     sensor_bones: tuple[str, ...] = ()
     root_weight: float = 1.0
     change_weight: float = 4.0

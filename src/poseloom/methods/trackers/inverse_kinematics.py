@@ -24,9 +24,9 @@ class InverseKinematicsSettings:
     """
 
     joint_step: float = 0.5
-    root_step: float = 0.05
+    root_step: float = 0.1
     first_joint: float = 0.1
-    first_root: float = 0.2
+    first_root: float = 1.0
 
 
 class InverseKinematics(TrackerMethod):

@@ -9,6 +9,7 @@ import numpy as np
 from poseloom.arrays import Array, Floats
 from poseloom.errors import MethodError
 from poseloom.library import MotionLibrary
+from poseloom.library.features import FeatureSettings
 from poseloom.methods.trackers import _kernels
 from poseloom.methods.trackers.local_models import GaussianModel, LocalModel, scatter
 from poseloom.methods.trackers.loop import TrackerState
@@ -36,7 +37,7 @@ class FilterModel(GaussianModel):
         drift_place_floor: The same of the root's place, metres.
     """
 
-    memory: float = 8.0
+    memory: float = 4.0
     drift_scale: float = 3.0
     drift_shrinkage: float = 0.6
     drift_floor: float = radians(0.2)
@@ -91,8 +92,9 @@ class LocalFilter(NeighbourMethod):
 
     default_model: ClassVar[LocalModel] = FilterModel(shrinkage=0.2)
     default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings(
-        neighbours=128, bandwidth=0.4, angle_floor=radians(0.25)
+        neighbours=128, bandwidth=0.4, angle_floor=radians(0.25), place_floor=0.002
     )
+    default_features: ClassVar[FeatureSettings] = FeatureSettings()
 
     def __init__(self, library: MotionLibrary, layout: SensorLayout, **rest: Any) -> None:
         super().__init__(library, layout, **rest)

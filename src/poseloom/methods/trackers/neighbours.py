@@ -68,12 +68,13 @@ class NeighbourMethod(TrackerMethod):
         query: What the search looks at.
         settings: What all tracker methods share.
         allowed: Mask over the library's poses: False for those that must not be used (a left-out take). None: all.
-        features: How moments are described; the sensors' bones and the query are filled in.
+        features: How moments are described, the class's own unless given; bones and query are filled in.
     """
 
     default_model: ClassVar[LocalModel] = GaussianModel()
     default_neighbours: ClassVar[NeighbourSettings] = NeighbourSettings()
     default_query: ClassVar[Query] = Query.HISTORY_AND_SENSORS
+    default_features: ClassVar[FeatureSettings] = FeatureSettings(history=3)
 
     def __init__(
         self,
@@ -98,7 +99,7 @@ class NeighbourMethod(TrackerMethod):
         self.neighbours = neighbours or self.default_neighbours
         self.query = query or self.default_query
         self.features = replace(
-            features or FeatureSettings(),
+            features or self.default_features,
             sensor_bones=tuple(sensor.bone for sensor in layout.sensors),
             by_sensors=self.query is Query.HISTORY_AND_SENSORS,
         )
