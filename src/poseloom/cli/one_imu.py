@@ -47,10 +47,14 @@ def one_imu(
     part: Annotated[
         list[str] | None,
         typer.Option(
-            "--part", help="3, subject, 10, 2, transitions, phases, dropouts, real or sweep; all but sweep if left out."
+            "--part",
+            help="3, specialists, subject, 10, 2, transitions, phases, dropouts, real or sweep; all but sweep if left out.",
         ),
     ] = None,
-    limit: Annotated[int, typer.Option(min=60, help="Samples of each sequence.")] = 240,
+    method: Annotated[
+        list[str] | None, typer.Option("--method", help="Ask this method alone. May be repeated; all if left out.")
+    ] = None,
+    limit: Annotated[int, typer.Option(min=60, help="Samples of each sequence.")] = 150,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 1,
 ) -> None:
@@ -61,17 +65,22 @@ def one_imu(
     from rich.console import Console
 
     from poseloom.benchmark.one_imu.page import one_imu_figures
-    from poseloom.benchmark.one_imu.plan import PARTS, Plan
+    from poseloom.benchmark.one_imu.plan import METHODS, PARTS, Plan
     from poseloom.benchmark.one_imu.run import run_one_imu
     from poseloom.benchmark.six_trackers.page import write_figures
     from poseloom.cli.six_trackers import running_commit, recordings_of
+    from poseloom.errors import unknown_name
     from poseloom.evaluation.rows import write_results
     from poseloom.formats.atomic import atomic_file
 
-    usual = ("3", "2", "dropouts", "real") if quick else tuple(each for each in PARTS if each != "sweep")
+    usual = ("3", "2", "dropouts") if quick else tuple(each for each in PARTS if each != "sweep")
+    for name in method or ():
+        if name not in METHODS:
+            raise unknown_name("method", name, METHODS)
     plan = Plan(
-        recordings_of(data), tuple(part) if part else usual, quick, min(limit, 120) if quick else limit, seed, workers
-    )
+        recordings_of(data), tuple(part) if part else usual, tuple(method) if method else METHODS, quick,
+        min(limit, 120) if quick else limit, seed, workers,
+    )  # fmt: skip
     console = Console()
     with progress_bars() as show:
         results = run_one_imu(plan, show)

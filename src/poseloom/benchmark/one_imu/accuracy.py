@@ -14,14 +14,18 @@ COVERED, ALL = "covered", "all sequences"
 
 
 def table_three(plan: Plan, tell: Progress) -> list[Row]:
-    """Specialists and the joint model, one sensor and two, by-sequence."""
+    """The joint model, one sensor and two, by-sequence."""
+    return _table_three(plan, tell, ("",))
+
+
+def specialists(plan: Plan, tell: Progress) -> list[Row]:
+    """A model for each behaviour, one sensor and two, by-sequence."""
+    return _table_three(plan, tell, BEHAVIOURS)
+
+
+def _table_three(plan: Plan, tell: Progress, models: Sequence[str]) -> list[Row]:
     rows: list[Row] = []
-    asked = [
-        (sensors, method, behaviour)
-        for sensors in LAYOUTS
-        for behaviour in ("", *(() if plan.quick else BEHAVIOURS))
-        for method in plan.methods
-    ]
+    asked = [(sensors, method, model) for sensors in LAYOUTS for model in models for method in plan.methods]
     questions = [_questions(plan, *one) for one in asked]
     for (sensors, method, behaviour), answers in zip(asked, _answered(plan, questions, tell, "table 3"), strict=True):
         model = "specialist" if behaviour else "joint"
@@ -48,7 +52,7 @@ def by_subject(plan: Plan, tell: Progress) -> list[Row]:
 
 def figure_ten(plan: Plan, tell: Progress) -> list[Row]:
     """Every placement of one sensor, ours and the nearest windows."""
-    methods = (OURS, "nearest-window")
+    methods = plan.chosen((OURS, "nearest-window"))
     asked = [(f"{placement}-imu", method) for placement in PLACEMENTS for method in methods]
     questions = [_questions(plan, sensors, method, "") for sensors, method in asked]
     rows: list[Row] = []

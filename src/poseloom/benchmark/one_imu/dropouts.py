@@ -45,10 +45,11 @@ def dropouts(plan: Plan, tell: Progress) -> list[Row]:
     if plan.quick:
         settings = settings[:1]
     rows: list[Row] = []
-    total = len(settings) * len(_METHODS)
+    methods = plan.chosen(_METHODS)
+    total = len(settings) * len(methods)
     for number, (sensors, what, sensor) in enumerate(settings):
-        for index, method in enumerate(_METHODS):
-            tell("drop-outs", len(_METHODS) * number + index, total)
+        for index, method in enumerate(methods):
+            tell("drop-outs", len(methods) * number + index, total)
             figures = [
                 each for fold in by_fold(plan, pool, long_enough) for each in _fold(plan, sensors, method, sensor, fold)
             ]

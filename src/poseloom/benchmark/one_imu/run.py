@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Callable
 
-from poseloom.benchmark.one_imu.accuracy import by_subject, figure_ten, table_three
+from poseloom.benchmark.one_imu.accuracy import by_subject, figure_ten, specialists, table_three
 from poseloom.benchmark.one_imu.dropouts import dropouts
 from poseloom.benchmark.one_imu.labels import phase_labels
 from poseloom.benchmark.one_imu.plan import Plan, Progress
@@ -18,6 +18,7 @@ from poseloom.evaluation.rows import Results, Row, motions_digest
 _RUNS: dict[str, Callable[[Plan, Progress], list[Row]]] = {
     "sweep": sweep,
     "3": table_three,
+    "specialists": specialists,
     "subject": by_subject,
     "10": figure_ten,
     "2": table_two,

@@ -49,7 +49,7 @@ def table_two(plan: Plan, tell: Progress) -> list[Row]:
         # The sequences that are heard are left out, as everywhere.
         takes = [t for t in pool.without(pool.tables) if t.behaviour in behaviours]
         pairs = _pairs(takes, behaviours, frames, plan.seed)
-        for method in (OURS, "nearest-window"):
+        for method in plan.chosen((OURS, "nearest-window")):
             rows += _row_set(plan, fit_method(method, pairs, FOOT, None, plan.seed), method, motions, frames, asked)
     tell("table 2", len(sizes), len(sizes))
     return rows

@@ -74,17 +74,17 @@ class _Figures(NamedTuple):
 
 def transitions(plan: Plan, tell: Progress) -> list[Row]:
     """Velocity jump, jerk and foot skate around changes, of the methods and of the truth; and how soon ours follows."""
-    changes = changes_of(plan)
+    changes, methods = changes_of(plan), plan.chosen(METHODS)
     figures: dict[tuple[str, str], list[_Figures]] = {}
     for done, change in enumerate(changes):
         tell("transitions", done, len(changes))
         recording = simulate_imus(change.motion, layout(FOOT), seed=seed_of(change.motion.name, plan.seed, change.kind))
-        for method in METHODS:
+        for method in methods:
             fit = fitted(Question(plan.data, method, FOOT, change.out, seed=plan.seed, mirrored=plan.mirrored))
             run = run_on(fit, recording)
             found = _figures(change, run, _delay(change, fit, recording))
             figures.setdefault((change.kind, method), []).append(found)
-            if method == METHODS[0]:
+            if method == methods[0]:
                 itself = _figures(change, Run(run.truth, run.made), float("nan"), run.truth)
                 figures.setdefault((change.kind, "truth"), []).append(itself)
     tell("transitions", len(changes), len(changes))

@@ -126,7 +126,7 @@ def fitted(question: Question) -> Reconstructor[Any]:
     )
 
 
-@lru_cache(maxsize=6)
+@lru_cache(maxsize=12)
 def _fitted(
     data: Path,
     method: str,

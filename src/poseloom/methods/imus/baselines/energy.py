@@ -26,11 +26,11 @@ class EnergySettings(WindowSettings):
         floor: Standard deviation of a feature (about a radian) that the prior allows beyond the local model's.
     """
 
-    neighbours: int = 64
+    neighbours: int = 8
     components: int = 8
     control: float = 0.3
-    smoothness: float = 1.0
-    build: float = 0.0
+    smoothness: float = 0.1
+    build: float = 0.03
     floor: float = 0.02
 
 

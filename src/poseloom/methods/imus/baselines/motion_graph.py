@@ -33,9 +33,9 @@ class GraphSettings(WindowSettings):
 
     branches: int = 24
     blend: float = 1 / 3
-    gain: float = 0.7
-    build: float = 0.0
-    lost: float = 1.0
+    gain: float = 0.9
+    build: float = 0.03
+    lost: float = 0.3
 
 
 class _Memory(NamedTuple):

@@ -29,9 +29,9 @@ class PrimitiveSettings(WindowSettings):
 
     samples: int = 1
     canonical: int = 12
-    coefficients: int = 8
+    coefficients: int = 16
     mixture: int = 3
-    dulling: float = 6.0
+    dulling: float = 1.0
     beam: int = 48
     averaged: int = 8
     seed: int = 0

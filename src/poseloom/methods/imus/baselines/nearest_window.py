@@ -21,8 +21,9 @@ class NearestWindowSettings(WindowSettings):
         build: Weight of a differing build, in squared standard deviations of the signal a squared centimetre a bone.
     """
 
+    samples: int = 30
     neighbours: int = 5
-    build: float = 0.0
+    build: float = 0.03
 
 
 class _Memory(NamedTuple):

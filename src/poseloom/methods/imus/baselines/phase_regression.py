@@ -26,10 +26,10 @@ class RegressionSettings(WindowSettings):
         seed: Of the first guess of the phases.
     """
 
-    phases: int = 8
+    phases: int = 16
     latent: int = 16
-    width: float = 1.0
-    ridge: float = 0.03
+    width: float = 0.3
+    ridge: float = 0.1
     dulling: float = 4.0
     examples: int = 600
     seed: int = 0
