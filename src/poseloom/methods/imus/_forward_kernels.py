@@ -4,6 +4,9 @@ import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats, Floats32, Ints, compiled
 
+_FIRST_COLUMNS = 12
+"""Columns that are compared before it is asked whether a state can still be in the beam; the first vary most."""
+
 
 @compiled
 def predict(
@@ -86,21 +89,42 @@ def update(
         The logarithm of the probability of what was seen, given all before.
     """
     states, columns = features.shape
-    best = -np.inf
-    whole = columns - columns % 4
+    some, whole = min(_FIRST_COLUMNS, columns - columns % 4), columns - columns % 4
     share = restart * stride / states
-    for s in range(first.shape[0]):
-        h = phase[s]
-        for i in range(first[s], stop[s]):
+    log_share = np.log(share) if share > 0.0 else -np.inf
+    best = -np.inf
+    # The likeliest prediction goes first: most others then fall out of the beam before all their columns are read.
+    # What is dropped here would be dropped at the end, for the best can only rise.
+    ahead = int(np.argmax(predicted))
+    for s in range(-1, first.shape[0]):
+        begin, end = (ahead, ahead + 1) if s < 0 else (first[s], stop[s])
+        owner = np.searchsorted(first, ahead, side="right") - 1 if s < 0 else s
+        h = phase[owner]
+        fixed = log_norm[h] + log_weight[owner]
+        for i in range(begin, end):
             mass = (1.0 - restart) * predicted[i]
-            if restart > 0.0 and i % stride == turn:
-                mass += share
-            if mass <= 0.0:
-                log_alpha[i] = -np.inf
+            entered = restart > 0.0 and i % stride == turn
+            log_alpha[i] = -np.inf
+            if mass > 0.0:
+                value = fixed + np.log(mass + share if entered else mass)
+            elif entered:
+                value = fixed + log_share
+            else:
+                continue
+            if value < best - beam:
                 continue
             # Four sums: one would wait for itself at each addition.
             a0 = a1 = a2 = a3 = np.float32(0.0)
-            for k in range(0, whole, 4):
+            for k in range(0, some, 4):
+                d0, d1 = seen[k] - features[i, k], seen[k + 1] - features[i, k + 1]
+                d2, d3 = seen[k + 2] - features[i, k + 2], seen[k + 3] - features[i, k + 3]
+                a0 += precision[h, k] * d0 * d0
+                a1 += precision[h, k + 1] * d1 * d1
+                a2 += precision[h, k + 2] * d2 * d2
+                a3 += precision[h, k + 3] * d3 * d3
+            if value - 0.5 * (a0 + a1 + a2 + a3) < best - beam:
+                continue
+            for k in range(some, whole, 4):
                 d0, d1 = seen[k] - features[i, k], seen[k + 1] - features[i, k + 1]
                 d2, d3 = seen[k + 2] - features[i, k + 2], seen[k + 3] - features[i, k + 3]
                 a0 += precision[h, k] * d0 * d0
@@ -110,8 +134,7 @@ def update(
             for k in range(whole, columns):
                 d0 = seen[k] - features[i, k]
                 a0 += precision[h, k] * d0 * d0
-            apart = a0 + a1 + a2 + a3
-            value = np.log(mass) - 0.5 * apart + log_norm[h] + log_weight[s]
+            value -= 0.5 * (a0 + a1 + a2 + a3)
             log_alpha[i] = value
             if value > best:
                 best = value

@@ -25,6 +25,8 @@ _LEVELLING = 0.15
 """Share of the standing soles' distance from the floor that is taken off in a frame."""
 
 _DAMPING = 1e-4
+_EASE = np.array([1.0, 0.3, 1.0, 1.0, 0.0, 0.0])
+"""How easily thigh and shank turn about their axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,14 +173,12 @@ def _bend_leg(legs: Legs, q: Floats[Array, "dofs"], side: int, target: Floats[Ar
     bone, origin = legs.feet[side : side + 1], np.zeros((1, 3))
     before = forward_kinematics(skeleton, q).rotations[foot]
     out = q.copy()
-    for _ in range(2):
-        there = point_jacobians(skeleton, out, bone, origin)
-        jacobian = there.linear[0][:, columns]
-        # The knee is a hinge: turning the shank about its other axes is dear.
-        cheap = np.array([1.0, 0.3, 1.0, 1.0, 0.0, 0.0])
-        weighted = jacobian * cheap
-        normal = jacobian @ weighted.T + _DAMPING * np.eye(3)
-        out[columns] += weighted.T @ cast(NDArray[np.float64], np.linalg.solve(normal, target - there.points[0]))
+    there = point_jacobians(skeleton, out, bone, origin)
+    jacobian = there.linear[0][:, columns]
+    # The knee is a hinge: turning the shank about its other axes is dear. Pulls are short: one step is enough.
+    weighted = jacobian * _EASE
+    normal = jacobian @ weighted.T + _DAMPING * np.eye(3)
+    out[columns] += weighted.T @ cast(NDArray[np.float64], np.linalg.solve(normal, target - there.points[0]))
     shank_turn = forward_kinematics(skeleton, out).rotations[shank]
     at = 3 + 3 * foot
     out[at : at + 3] = rotvec_from_quat(quat_from_matrix(shank_turn.T @ before))

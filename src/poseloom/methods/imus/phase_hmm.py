@@ -89,6 +89,7 @@ class PhaseHmmState:
         gone: Metres gone so far.
         turn: Which states are looked at anew at the next sample.
         silent: Samples in a row in which no sensor spoke.
+        rejoining: Samples left in which the pose only slowly follows, after a silence.
     """
 
     wearer: Wearer
@@ -104,6 +105,7 @@ class PhaseHmmState:
     gone: float = 0.0
     turn: int = 0
     silent: int = 0
+    rejoining: int = 0
 
 
 class PhaseHmm(Reconstructor[PhaseHmmState]):
@@ -138,6 +140,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         self._precision = model.precision.astype(np.float32)
         self._log_norm = 0.5 * np.log(model.precision / (2 * np.pi)).sum(axis=1)
         self._steps = np.array(settings.steps)
+        self._rejoin = max(round(settings.rejoin_seconds * layout.rate), 1)
         self._stride = -(-len(model) // settings.restart_states)
 
     def start(self, skeleton: Skeleton, placements: Sequence[Placement]) -> PhaseHmmState:
@@ -195,6 +198,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             guess=guess,
             turn=(state.turn + 1) % self._stride,
             silent=0 if spoken else state.silent + 1,
+            rejoining=max(state.rejoining - 1, 0) if spoken else self._rejoin,
         )
         placed = self._placed(state, moved, guess, live_window[-1] if spoken else guess.signal)
         return placed, Frame(sample.time, self._pose(placed), self._spread(placed), self._health(placed, heard))
@@ -313,7 +317,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             q[:3] = ground.root
             return replace(state, quats_wxyz=quats, q=q, ground=ground)
         blended = np.empty_like(quats)
-        _pose_kernels.blend(before.quats_wxyz, before.guess.speed, quats, how.blend, how.turn_limit, blended)
+        limit = how.rejoin_limit if state.rejoining else how.turn_limit
+        _pose_kernels.blend(before.quats_wxyz, before.guess.speed, quats, how.blend, limit, blended)
         turning = (live - guess.signal).reshape(-1, 2, 3)[:, 1]
         excess = float((guess.ups * turning).sum()) / len(turning)
         share = 1.0 / (how.turn_seconds * self.layout.rate)

@@ -31,6 +31,8 @@ class PhaseHmmSettings:
         correction: Share of the Gaussian map's correction by the live signal that is applied.
         blend: Share of the way from the last pose, moved on by its velocity, to the new one.
         turn_limit: Most radians a frame by which a joint is turned beyond its velocity.
+        rejoin_limit: The same during a silence and for `rejoin_seconds` after it.
+        rejoin_seconds: How long a pose takes to rejoin what the sensors say after a silence.
         body_scale: Metres of difference of a bone's length that count as one standard deviation between the wearer
             and the people recorded.
         body_limit: Most standard deviations that the difference in build can count; 0 ignores the wearer's build.
@@ -60,7 +62,9 @@ class PhaseHmmSettings:
     shrinkage: float = 0.3
     correction: float = 0.3
     blend: float = 0.5
-    turn_limit: float = 0.06
+    turn_limit: float = 0.15
+    rejoin_limit: float = 0.05
+    rejoin_seconds: float = 0.4
     body_scale: float = 0.002
     body_limit: float = 20.0
     mounting: float = np.deg2rad(5.0)
