@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import astuple, dataclass, fields
+from functools import cache
 
 import numpy as np
 
@@ -118,7 +119,7 @@ class FlexRange:
     ) -> tuple[FlexRangeState, FlexReadings]:
         """Takes in many samples at once: the same as `step` after `step`, but fast."""
         columns = state.columns.copy()
-        settings = np.array(astuple(self))
+        settings = _as_array(self)
         shape = counts.T.shape
         values, lows, highs = (np.empty(shape) for _ in range(3))
         status, replaced = np.empty(shape, dtype=np.int64), np.empty(shape, dtype=np.bool_)
@@ -129,3 +130,8 @@ class FlexRange:
             )
         filled = (np.ascontiguousarray(each.T) for each in (values, lows, highs, status, replaced))
         return FlexRangeState(columns), FlexReadings(*filled)
+
+
+@cache
+def _as_array(ranges: FlexRange) -> Floats[Array, "settings"]:
+    return np.array(astuple(ranges))  # kernels only read it

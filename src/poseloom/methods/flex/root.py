@@ -7,12 +7,12 @@ drift). The root's path comes from the legs: what stands on the floor stays wher
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from vqf import VQF  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
-from poseloom.arrays import Array, Floats, frozen_float
+from poseloom.arrays import Array, Floats, Ints, frozen_float
 from poseloom.errors import MethodError
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
 from poseloom.rotations import (
@@ -130,6 +130,18 @@ def turn_hips(
     )
 
 
+class Sole(NamedTuple):
+    """Left heel, left toe, right heel and right toe of a body.
+
+    Attributes:
+        bones: Index of the bone that carries each.
+        locals: Its place in that bone's frame, metres.
+    """
+
+    bones: Ints[Array, "4"]
+    locals: Floats[Array, "4 3"]
+
+
 @dataclass(frozen=True, eq=False)
 class RootState(Generic[Inner]):
     """What changes as samples come.
@@ -137,6 +149,7 @@ class RootState(Generic[Inner]):
     Attributes:
         inner: The state of the method that tells the joints' angles.
         skeleton: The wearer's.
+        sole: The four points of its soles.
         R_bone_sensor: How the IMU sits on the hips; None without one.
         turn: What it has told.
         soles: Places of the soles' four points relative to the root in the last frame, metres, world axes; None before.
@@ -149,6 +162,7 @@ class RootState(Generic[Inner]):
 
     inner: Inner
     skeleton: Skeleton
+    sole: Sole
     R_bone_sensor: Floats[Array, "3 3"] | None
     turn: HipsTurn
     soles: Floats[Array, "4 3"] | None
@@ -200,6 +214,7 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
         return RootState(
             self.method.start(skeleton, [placements[i] for i in self._flex]),
             skeleton,
+            _sole(skeleton),
             None if self._imu is None else placements[self._imu].R_bone_sensor,
             HipsTurn(None, 0.0, np.eye(3), 0.0, 0.0),
             None,
@@ -230,7 +245,7 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
         rotvec = nearest_branch(turned[None], state.rotvec[None])[0]
         q = pose.q.copy()
         q[:3], q[3:6] = 0.0, rotvec
-        soles = _soles(state.skeleton, q)
+        soles = _places(state.skeleton, state.sole, q)
         root, speed = state.root.copy(), state.speed
         heights = soles[:, 1] - soles[:, 1].min()
         standing = np.exp(-heights / self.settings.softness_m)
@@ -261,16 +276,16 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
         return frozen_float(told)
 
 
-def _soles(skeleton: Skeleton, q: Floats[Array, "dofs"]) -> Floats[Array, "4 3"]:
-    """World places of left heel, left toe, right heel and right toe."""
+def _sole(skeleton: Skeleton) -> Sole:
+    feet = [(side, sole_points(skeleton, side)) for side in ("left", "right")]
+    bones = [skeleton.index(f"{side}{bone}") for side, _ in feet for bone in ("Foot", "Toes")]
+    return Sole(np.array(bones, dtype=np.int64), np.stack([point for _, points in feet for point in points]))
+
+
+def _places(skeleton: Skeleton, sole: Sole, q: Floats[Array, "dofs"]) -> Floats[Array, "4 3"]:
+    """Where the points of the soles are in the world."""
     frames = forward_kinematics(skeleton, q)
-    places = np.empty((4, 3))
-    for row, side in ((0, "left"), (2, "right")):
-        points = sole_points(skeleton, side)
-        for at, (bone, local) in enumerate(((f"{side}Foot", points.heel), (f"{side}Toes", points.toe))):
-            joint = skeleton.index(bone)
-            places[row + at] = frames.positions[joint] + frames.rotations[joint] @ local
-    return places
+    return frames.positions[sole.bones] + np.einsum("pij,pj->pi", frames.rotations[sole.bones], sole.locals)
 
 
 def _part(sample: Sample, sensors: list[int]) -> Sample:
