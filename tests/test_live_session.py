@@ -39,7 +39,8 @@ from poseloom.live.contract import (
 from poseloom.live.devices import DatagramSpeaker, json_datagram, play, pseudo_terminal, vmc_datagram
 from poseloom.live.lines import encode_counts
 from poseloom.live.resolving import recorded_motion, resolve
-from poseloom.live.session import Session, SessionPlan, SessionSummary
+from poseloom.live.session import Session
+from poseloom.live.session_plan import SessionPlan, SessionSummary
 from poseloom.live.setup import LiveSettings, joint_layout, make_settings, plan_session, read_settings
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.sinks.vmc_sender import VmcSender

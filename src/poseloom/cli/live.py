@@ -10,7 +10,7 @@ from poseloom.errors import PoseloomError, SensorError, unknown_name
 
 if TYPE_CHECKING:
     from poseloom.live.contract import Sink
-    from poseloom.live.session import SessionPlan, SessionSummary
+    from poseloom.live.session_plan import SessionPlan, SessionSummary
     from poseloom.live.setup import LiveSettings
 
 _DEVICES = ("vmc", "udp", "udp-binary", "serial")

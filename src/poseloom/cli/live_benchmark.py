@@ -18,7 +18,10 @@ def add_commands(benchmarks: typer.Typer) -> None:
 
 def live(
     quick: Annotated[bool, typer.Option("--quick", help="45 s instead of half an hour, and less of the rest.")] = False,
-    json: Annotated[Path | None, typer.Option("--json", help="File for the figures as rows.")] = None,
+    json: Annotated[
+        Path | None,
+        typer.Option("--json", help="File for the figures as rows; what it holds of parts left out now stays."),
+    ] = None,
     markdown: Annotated[
         Path | None,
         typer.Option("--markdown", help="Page to put the figures into, made if missing."),
@@ -38,9 +41,9 @@ def live(
     from rich.markdown import Markdown
 
     from poseloom.benchmark.live.page import live_figures
-    from poseloom.benchmark.live.run import PARTS, QUICK, LivePlan, measure_live
+    from poseloom.benchmark.live.run import PARTS, QUICK, LivePlan, measure_live, with_rows_of
     from poseloom.benchmark.six_trackers.page import write_figures
-    from poseloom.evaluation.rows import write_results
+    from poseloom.evaluation.rows import read_results, write_results
 
     for name in part or ():
         if name not in PARTS:
@@ -50,6 +53,8 @@ def live(
         plan = replace(plan, endurance=seconds)
     with progress_bars() as show:
         results = measure_live(plan, show)
+    if json is not None and json.is_file():
+        results = with_rows_of(results, read_results(json))
     figures = live_figures(results, _commit())
     Console().print(Markdown(figures))
     if json is not None:

@@ -2,22 +2,15 @@
 
 import asyncio
 import contextlib
-import threading
 import time
-from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from datetime import datetime
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from poseloom.calibration.calibration import Calibration, write_calibration
-from poseloom.calibration.calibration import Level as VerdictLevel
+from poseloom.calibration.calibration import Calibration
 from poseloom.errors import PoseloomError, unknown_name
-from poseloom.formats.recording_header import RecordingHeader
-from poseloom.formats.session_recording import MethodStart
 from poseloom.live.alignment import facing_ahead
-from poseloom.live.calibrating import CalibrationRun
+from poseloom.live.calibration_desk import CalibrationDesk
 from poseloom.live.contract import (
     Calibrate,
     ChooseMethod,
@@ -28,7 +21,6 @@ from poseloom.live.contract import (
     Notice,
     ResetHeading,
     SessionFacts,
-    Sink,
     StartRecording,
     Stop,
     StopRecording,
@@ -36,77 +28,17 @@ from poseloom.live.contract import (
 )
 from poseloom.live.delays import Delays
 from poseloom.live.hearing import Hearing
+from poseloom.live.notices import Notices
+from poseloom.live.recording_desk import RecordingDesk
+from poseloom.live.session_plan import SessionPlan, SessionSummary
 from poseloom.live.sinks.outlet import Outlet
-from poseloom.live.sinks.recorder import Recorder
-from poseloom.live.source import Source
-from poseloom.live.watch import Watch, ended_findings, new_findings
+from poseloom.live.watch import Watch, WatchState, ended_findings, new_findings
 from poseloom.live.worker import Engine, MethodWorker, Worked, warm_up
-from poseloom.methods.contract import Reconstructor
-from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout
-from poseloom.skeleton.skeleton import Skeleton
+from poseloom.sensors import Sample, SensorKind
 
 _TICK = 0.01
 """Seconds between looks at silence and at samples that wait for a late sensor."""
-_NOTICES_SHOWN, _NOTICES_KEPT = 8, 1000
 _FAILURES_TOLD_EVERY = 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class SessionPlan:
-    """What a session is made of.
-
-    Attributes:
-        sources: Where samples come from.
-        layout: All their sensors, at the session's rate.
-        skeleton: The wearer's bones.
-        placements: Where the sensors sit.
-        method: Name of the method to begin with.
-        make: Makes a method by name; may take seconds.
-        sinks: Where poses go.
-        methods: Names that `make` knows, for people to choose from.
-        calibrated: Whether skeleton and placements were measured on the wearer.
-        record: File to record to from the beginning.
-        folder: Where files that a person asks for at a sink are put.
-        settings: How the session was set up, for the recording.
-        seconds: When to end; None: when the sources do, or on demand.
-        capacity: Samples that may wait for the method.
-        thin: Whether samples beyond the layout's rate are left out; not where a recording is played faster.
-    """
-
-    sources: tuple[Source, ...]
-    layout: SensorLayout
-    skeleton: Skeleton
-    placements: tuple[Placement, ...]
-    method: str
-    make: Callable[[str], Reconstructor[Any]]
-    sinks: tuple[Sink, ...] = ()
-    methods: tuple[str, ...] = ()
-    calibrated: bool = False
-    record: Path | None = None
-    folder: Path = Path()
-    settings: Mapping[str, str] = field(default_factory=dict[str, str])
-    seconds: float | None = None
-    capacity: int = 8
-    thin: bool = True
-
-
-@dataclass(frozen=True, eq=False)
-class SessionSummary:
-    """What a session has done.
-
-    Attributes:
-        counters: Totals.
-        latency: Milliseconds from arrival to pose sent: median, 95th and 99th percentile, over the whole session.
-        seconds: How long it lasted.
-        notices: The last thousand notices.
-        recordings: Files that were recorded.
-    """
-
-    counters: Counters
-    latency: tuple[float, float, float]
-    seconds: float
-    notices: tuple[Notice, ...]
-    recordings: tuple[Path, ...]
 
 
 class Session:
@@ -119,6 +51,8 @@ class Session:
     def __init__(self, plan: SessionPlan) -> None:
         self.plan = plan
         self.delays = Delays()
+        self._notices = Notices()
+        self.tell = self._notices.tell
         self._facts = SessionFacts(
             layout=plan.layout,
             skeleton=plan.skeleton,
@@ -134,17 +68,14 @@ class Session:
         self._watching = self._watch.start()
         self._hearing = Hearing(plan.layout, self._admit, self.tell, len(plan.sources) == 1, plan.thin)
         self._outlets = [Outlet(sink, self.post, self.tell) for sink in plan.sinks]
-        self._recorder: Recorder | None = None
-        self._recorded: list[Path] = []
-        self._calibration: CalibrationRun | None = None
+        self._records = RecordingDesk(plan.folder, plan.settings, self.tell)
+        self._calibration = CalibrationDesk(
+            plan.layout, lambda: self._records.file("calibration", ".npz"), self.tell, self._take_calibration
+        )
         self._number = 0
         self._newest: Sample | None = None
         self._frames = 0
         self._last_pose: Any = None
-        self._notices: deque[Notice] = deque(maxlen=_NOTICES_KEPT)
-        self._told = 0
-        self._shown: deque[Notice] = deque(maxlen=_NOTICES_SHOWN)
-        self._telling = threading.Lock()
         self._failure_told = -1e9
         self._loop: asyncio.AbstractEventLoop | None = None
         self._early: list[Command] = []
@@ -176,7 +107,7 @@ class Session:
     @property
     def notices(self) -> tuple[Notice, ...]:
         """The last thousand notices."""
-        return tuple(self._notices)
+        return self._notices.kept
 
     def post(self, command: Command) -> None:
         """Asks for something; see `poseloom.live.contract`."""
@@ -190,14 +121,6 @@ class Session:
     def stop(self) -> None:
         """Asks the session to end."""
         self.post(Stop())
-
-    def tell(self, level: Level, text: str) -> None:
-        """Adds a notice."""
-        with self._telling:
-            self._told += 1
-            notice = Notice(self._told, level, text, time.monotonic())
-            self._notices.append(notice)
-            self._shown.append(notice)
 
     # From beginning to end
 
@@ -222,7 +145,7 @@ class Session:
         began = time.monotonic()
         try:
             if plan.record is not None:
-                self._start_recorder(plan.record)
+                self._begin_recording(plan.record)
             for outlet in self._outlets:
                 outlet.open(self._facts)
                 opened.append(outlet)
@@ -236,7 +159,7 @@ class Session:
             self._loop = None
             await asyncio.to_thread(self._finish, opened)
         return SessionSummary(
-            self.counters, self.delays.overall(), time.monotonic() - began, self.notices, tuple(self._recorded)
+            self.counters, self.delays.overall(), time.monotonic() - began, self.notices, tuple(self._records.paths)
         )
 
     async def _listen(self) -> None:
@@ -271,8 +194,6 @@ class Session:
             if self._newest is not None:
                 # Session time goes on from the newest sample, whether anything comes or not.
                 self._judge(self._newest.time + now - self._newest.arrival)
-            if self._calibration is not None and self._newest is not None:
-                self._advance_calibration(self._newest.time)
             if self.plan.seconds is not None and now - self._began >= self.plan.seconds:
                 self._end.set()
 
@@ -280,7 +201,8 @@ class Session:
         self._worker.stop()
         for outlet in opened:
             outlet.close()
-        self._stop_recorder()
+        self._records.end()
+        self._records.wait()
 
     # In the event loop: samples in
 
@@ -288,21 +210,19 @@ class Session:
         number = self._number
         self._number += 1
         self._newest = sample
-        if self._recorder is not None:
-            self._recorder.sample(number, sample)
+        self._records.sample(number, sample)
         self._worker.hear(number, sample)
         before = self._watching
         self._watching = self._watch.step(before, sample)
         self._tell_findings(before, sample.time)
-        if self._calibration is not None:
-            self._calibration.hear(sample)
+        self._calibration.hear(sample)
 
     def _judge(self, now: float) -> None:
         before = self._watching
         self._watching = self._watch.poll(before, now)
         self._tell_findings(before, now)
 
-    def _tell_findings(self, before: Any, now: float) -> None:
+    def _tell_findings(self, before: WatchState, now: float) -> None:
         if before.findings is self._watching.findings:
             return
         changes = [(each, False) for each in new_findings(before, self._watching)]
@@ -310,8 +230,7 @@ class Session:
         for finding, over in changes:
             text = f"{finding.sensor} is no longer {finding.trouble.value}" if over else finding.text
             self.tell(Level.NOTE if over else Level.WARNING, text)
-            if self._recorder is not None:
-                self._recorder.finding(self._number, finding, now, over)
+            self._records.finding(self._number, finding, now, over)
 
     # In the method's thread: poses out
 
@@ -319,7 +238,6 @@ class Session:
         if worked.frame is not None:
             self._frames += 1
             self._last_pose = worked.frame.pose
-        calibration = self._calibration
         update = Update(
             number=worked.number,
             sample=worked.sample,
@@ -328,8 +246,8 @@ class Session:
             latency=self.delays.latest(self._facts.delay / self.plan.layout.rate),
             counters=self.counters,
             findings=self.findings,
-            notices=tuple(self._shown),
-            calibration=None if calibration is None else calibration.progress(worked.raw.time),
+            notices=self._notices.shown,
+            calibration=self._calibration.progress(worked.raw.time),
         )
         for outlet in self._outlets:
             if outlet.sink.capacity == 0:
@@ -339,9 +257,7 @@ class Session:
         for outlet in self._outlets:
             if outlet.sink.capacity > 0:
                 outlet.show(update)
-        recorder = self._recorder
-        if recorder is not None:
-            recorder.step(worked.number, worked.raw, worked.frame, worked.finished)
+        self._records.step(worked)
 
     def _method_failed(self, number: int, error: Exception) -> None:
         now = time.monotonic()
@@ -349,9 +265,7 @@ class Session:
             self._failure_told = now
             reason = str(error) if isinstance(error, PoseloomError) else f"{type(error).__name__}: {error}"
             self.tell(Level.ERROR, f"the method failed on sample {number} and begins anew: {reason}")
-        recorder = self._recorder
-        if recorder is not None:
-            recorder.start(number + 1, self._method_start(self._engine), 0.0)
+        self._records.start(number + 1, self._engine, 0.0)
 
     # In the event loop: commands
 
@@ -367,22 +281,21 @@ class Session:
         elif isinstance(command, ResetHeading):
             self._reset_heading()
         elif isinstance(command, StartRecording):
-            path = command.path or self._file("session", ".mcap")
-            self._stop_recorder()
-            self._start_recorder(path)
+            self._begin_recording(command.path or self._records.file("session", ".mcap"))
             self._restart(self._engine)
         elif isinstance(command, StopRecording):
-            self._stop_recorder()
-            self._restart(None)
+            self._records.end()
+            self._tell_facts()
         elif isinstance(command, ChooseMethod):
             self._choose(command.name)
         elif isinstance(command, Calibrate):
-            began = self._newest.time if self._newest is not None else 0.0
-            if self._newest is None:
-                raise PoseloomError("nothing has been heard yet", remedy="Switch the sensors on, then calibrate")
-            self._calibration = CalibrationRun(command, self.plan.layout, began)
+            self._calibration.begin(command, self._newest)
         else:
-            self._calibration = None
+            self._calibration.cancel()
+
+    def _begin_recording(self, path: Path) -> None:
+        self._records.begin(path, self._facts, self._engine, self._number)
+        self._facts = replace(self._facts, recording=path)
 
     def _reset_heading(self) -> None:
         pose = self._last_pose
@@ -410,121 +323,38 @@ class Session:
 
         self._keep(prepare())
 
-    def _advance_calibration(self, now: float) -> None:
-        run = self._calibration
-        if run is None or not run.is_over(now) or run.computing:
-            return
-        run.computing = True
-
-        async def compute() -> None:
-            try:
-                calibration = await asyncio.to_thread(run.result)
-            except PoseloomError as error:
-                self.tell(Level.ERROR, f"the calibration failed: {error}")
-                return
-            finally:
-                if self._calibration is run:
-                    self._calibration = None
-            self._take_calibration(calibration)
-
-        self._keep(compute())
-
     def _take_calibration(self, calibration: Calibration) -> None:
-        path = self._file("calibration", ".npz")
+        skeleton, placements = calibration.skeleton, calibration.placements
+        self._facts = replace(self._facts, skeleton=skeleton, placements=placements, calibrated=True)
+        engine = replace(self._engine, skeleton=skeleton, placements=placements)
         try:
-            write_calibration(calibration, path)
-            self.tell(Level.NOTE, f"calibrated; kept as {path}")
-        except OSError as error:
-            self.tell(Level.WARNING, f"calibrated, but {path} cannot be written: {error.strerror or error}")
-        for verdict in calibration.verdicts:
-            self.tell(Level.NOTE if verdict.level is VerdictLevel.GOOD else Level.WARNING, str(verdict))
-        self._facts = replace(
-            self._facts, skeleton=calibration.skeleton, placements=calibration.placements, calibrated=True
-        )
-        recording = self._recorder
-        if recording is not None:
             # A recording has one body: the new one gets a file of its own.
-            self._stop_recorder()
-            self._start_recorder(_next_path(recording.path))
-        self._restart(replace(self._engine, skeleton=calibration.skeleton, placements=calibration.placements))
+            self._records.continue_with(self._facts, engine, self._number)
+        except (PoseloomError, OSError) as error:
+            self.tell(Level.ERROR, f"the recording cannot go on: {error}")
+        self._restart(engine)
 
-    def _restart(self, engine: Engine | None) -> None:
-        """Begins anew with an engine, or only tells that the facts have changed."""
-        recorder = self._recorder
-        if engine is not None:
-            self._engine = engine
-            self._facts = replace(self._facts, method=engine.name, delay=engine.method.delay)
-        self._facts = replace(self._facts, recording=None if recorder is None else recorder.path)
-        facts, number = self._facts, self._number
-        if engine is None:
-            for outlet in self._outlets:
-                outlet.changed(facts)
-            return
+    def _restart(self, engine: Engine) -> None:
+        """Lets the method begin anew with an engine, after the samples that it has still to hear."""
+        self._engine = engine
+        facts = replace(self._facts, method=engine.name, delay=engine.method.delay, recording=self._records.path)
+        self._facts, number = facts, self._number
         at = 0.0 if self._newest is None else self._newest.time
-        start = self._method_start(engine)
 
         def begin() -> None:
-            if recorder is not None:
-                recorder.start(number, start, at)
+            self._records.start(number, engine, at)
             for outlet in self._outlets:
                 outlet.changed(facts)
 
         self._worker.restart(engine, begin)
 
-    def _method_start(self, engine: Engine) -> MethodStart:
-        turned = engine.alignment
-        return MethodStart(0, engine.name, turned.heading, turned.x, turned.z)
-
-    def _start_recorder(self, path: Path) -> None:
-        facts = self._facts
-        header = RecordingHeader(
-            facts.layout,
-            facts.placements,
-            facts.skeleton,
-            path.stem,
-            {
-                "made by": "poseloom live",
-                "method": self._engine.name,
-                "sources": "; ".join(facts.sources),
-                "begun": datetime.now().astimezone().isoformat(timespec="seconds"),
-                **self.plan.settings,
-            },
-        )
-        self._recorder = Recorder(path, header, self._number, self.tell)
-        self._recorded.append(path)
-        self._facts = replace(facts, recording=path)
-        self._recorder.start(self._number, self._method_start(self._engine), 0.0)
-
-    def _stop_recorder(self) -> None:
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
-            return
-        recorder.stop()
-        if not recorder.failed:
-            self.tell(Level.NOTE, f"recorded {recorder.samples} samples to {recorder.path}")
-
-    def _file(self, stem: str, suffix: str) -> Path:
-        return _free_path(self.plan.folder / f"{stem}-{datetime.now():%Y%m%d-%H%M%S}{suffix}")
+    def _tell_facts(self) -> None:
+        self._facts = replace(self._facts, recording=self._records.path)
+        for outlet in self._outlets:
+            outlet.changed(self._facts)
 
     def _keep(self, work: Any) -> None:
         """Runs a coroutine; the loop itself holds tasks only weakly."""
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-
-def _next_path(path: Path) -> Path:
-    """The same name with the next number behind it."""
-    stem, _, number = path.stem.rpartition("-")
-    if not (stem and number.isdigit() and len(number) < 4):
-        stem, number = path.stem, "1"
-    return _free_path(path.with_stem(f"{stem}-{int(number) + 1}"))
-
-
-def _free_path(path: Path) -> Path:
-    """The path, or one with a number behind it that is not taken."""
-    number, free = 2, path
-    while free.exists():
-        free = path.with_stem(f"{path.stem}-{number}")
-        number += 1
-    return free

@@ -12,7 +12,7 @@ from poseloom.calibration.calibration import read_calibration
 from poseloom.errors import FormatError, MethodError, PoseloomError, SensorError, unknown_name
 from poseloom.library import MotionLibrary, open_library
 from poseloom.live.contract import Sink
-from poseloom.live.session import SessionPlan
+from poseloom.live.session_plan import SessionPlan
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource

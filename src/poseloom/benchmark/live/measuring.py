@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from poseloom.live.contract import Counters, Post, SessionFacts, Update
 from poseloom.live.delays import Delays
 from poseloom.live.responsiveness import responsive_process
-from poseloom.live.session import Session, SessionPlan, SessionSummary
+from poseloom.live.session import Session
+from poseloom.live.session_plan import SessionPlan, SessionSummary
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """All live measurements, one after the other."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from poseloom.benchmark.live.endurance import measure_endurance, measure_fast_input, measure_two_sessions
 from poseloom.benchmark.live.faults import measure_faults
@@ -53,3 +53,10 @@ def measure_live(plan: LivePlan, show: Callable[[str, int, int], None]) -> Resul
         if "endurance" in plan.parts:
             rows += measure_endurance(here, plan.endurance, show)
     return Results("live", motions_digest([read_clip("sample:walk")]), tuple(rows))
+
+
+def with_rows_of(results: Results, before: Results) -> Results:
+    """The results, and those of an earlier run for the tables that were not measured now."""
+    measured = {row.table for row in results.rows}
+    kept = tuple(row for row in before.rows if row.table not in measured)
+    return replace(results, rows=(*results.rows, *kept))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from poseloom.library import build_library
 from poseloom.live.contract import Sink
-from poseloom.live.session import SessionPlan
+from poseloom.live.session_plan import SessionPlan
 from poseloom.live.setup import LiveSettings, plan_session
 from poseloom.live.sources_network import DatagramSource, VmcSource
 from poseloom.viewer.session import SessionViewer
