@@ -12,8 +12,9 @@ from poseloom.cli._app import run
 from poseloom.errors import FormatError
 from poseloom.formats.bend_tables import BendTable, read_bend_tables
 from poseloom.synthesis import FlexSensors, Spread
-from poseloom.synthesis.flex_figures import sensors_from_json, sensors_to_json, spread_of, study_flex_sensors
+from poseloom.synthesis.flex_figures import sensors_from_json, sensors_to_json, spread_of
 from poseloom.synthesis.flex_fit import Shape, curve, fit_channel, own_residuals
+from poseloom.synthesis.flex_study import study_flex_sensors
 
 RATE = 50.0
 

@@ -62,7 +62,8 @@ def fit_flex_sensor(
 
     from poseloom.formats.atomic import atomic_file
     from poseloom.formats.bend_tables import read_bend_tables
-    from poseloom.synthesis.flex_figures import provenance, sensors_to_json, study_flex_sensors
+    from poseloom.synthesis.flex_figures import sensors_to_json
+    from poseloom.synthesis.flex_study import provenance, study_flex_sensors
 
     tables = read_bend_tables(data, rate)
     study = study_flex_sensors(tables)

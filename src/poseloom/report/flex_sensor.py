@@ -12,10 +12,11 @@ import numpy as np
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.formats.atomic import atomic_file
 from poseloom.formats.bend_tables import BendTable
-from poseloom.synthesis.flex_figures import FlexStudy, Judgement, batch_shape
+from poseloom.synthesis.flex_figures import batch_shape
 from poseloom.synthesis.flex_fit import ChannelFit, curve, delayed, fit_scale
 from poseloom.synthesis.flex_readings import flex_counts
 from poseloom.synthesis.flex_sensors import FULL_BEND, draw_channels
+from poseloom.synthesis.flex_study import FlexStudy, Judgement
 
 _STYLE = """
 :root { color-scheme: light; } * { box-sizing: border-box; }
