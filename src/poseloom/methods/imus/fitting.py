@@ -10,12 +10,13 @@ from poseloom.arrays import Array, Floats, Floats32, Ints, frozen, frozen_float
 from poseloom.errors import MethodError
 from poseloom.methods.imus.features import (
     MotionFeatures,
+    SignalFeatures,
     fit_signal_features,
     motion_features,
     registered_columns,
 )
 from poseloom.methods.imus.gaussian_map import fit_gaussian_map
-from poseloom.methods.imus.model import WAY_ENTRIES, HmmModel
+from poseloom.methods.imus.model import WAY_ENTRIES, Emission, HmmModel
 from poseloom.methods.imus.pairs import SignalPair
 from poseloom.methods.imus.phases import label_phases
 from poseloom.methods.imus.registration import medoid, time_warp
@@ -70,7 +71,6 @@ def fit_model(
     tell = progress or _untold
     _check(pairs, layout)
     stretches, features = _cut(pairs, settings, tell)
-    signal_features = fit_signal_features([pair.signal for pair in pairs], settings.window, settings.columns, seed)
     uppers = sorted({stretch.upper for stretch in stretches})
     upper_index = {name: index for index, name in enumerate(uppers)}
     lengths = np.array([s.stop - s.start for s in stretches], dtype=np.int64)
@@ -81,21 +81,36 @@ def fit_model(
     quats = np.concatenate([f.quats_wxyz for f in features])
     others = np.concatenate([_others(f) for f in features])
     signals = np.concatenate([pair.signal for pair in pairs])
-    columns = np.concatenate([signal_features.of_signal(pair.signal) for pair in pairs])
+    windows = [_windows(pairs, *each, seed) for each in (*settings.short_windows, (settings.window, settings.columns))]
     ups = np.concatenate([_ups(pair, layout) for pair in pairs])
     # Segments cover the pairs frame by frame and in order, so states are the pairs' frames one after another.
     successor = np.where(np.diff(owners, append=-1) == 0, np.arange(1, len(stretches) + 1), -1).astype(np.int64)
     maps, gains, variances = _fit_maps(
-        stretches, features, quats, others, columns, firsts, stops, phase_of_segment, len(uppers), settings, seed, tell
-    )
+        stretches,
+        features,
+        quats,
+        others,
+        windows[-1][1],
+        firsts,
+        stops,
+        phase_of_segment,
+        len(uppers),
+        settings,
+        seed,
+        tell,
+    )  # fmt: skip
     phase_of_state = np.repeat(phase_of_segment, lengths)
     takes = np.array([pair.take for pair in pairs])
     take_of_state = np.repeat(np.unique(takes, return_inverse=True)[1][owners], lengths)
-    precision = _precision(columns, phase_of_state, take_of_state, maps, len(uppers), settings, seed)
+    emissions = tuple(
+        Emission(
+            how, seen, frozen_float(_precision(seen, phase_of_state, take_of_state, maps, len(uppers), settings, seed))
+        )
+        for how, seen in windows
+    )
     bodies, body_of_pair = _bodies(pairs)
     return HmmModel(
-        signal_features=signal_features,
-        features=frozen(columns),
+        emissions=emissions,
         signals=frozen(signals.astype(np.float32)),
         quats_wxyz=frozen(quats.astype(np.float32)),
         others=frozen(others.astype(np.float32)),
@@ -112,7 +127,6 @@ def fit_model(
         phase_names=tuple(uppers),
         phase_sizes=frozen(np.bincount(phase_of_segment, minlength=len(uppers)).astype(np.int64)),
         entry=frozen_float(_entries(phase_of_segment, successor, len(uppers), settings.upper_next)),
-        precision=frozen_float(precision),
         bodies=frozen_float(bodies),
     )
 
@@ -152,6 +166,14 @@ def _cut(
         features.append(motion_features(pair))
         tell("telling phases", index + 1, len(pairs))
     return stretches, features
+
+
+def _windows(
+    pairs: Sequence[SignalPair], window: int, columns: int, seed: int
+) -> tuple[SignalFeatures, Floats32[Array, "states columns"]]:
+    """How windows of one length become columns, and those of all frames."""
+    how = fit_signal_features([pair.signal for pair in pairs], window, columns, seed)
+    return how, frozen(np.concatenate([how.of_signal(pair.signal) for pair in pairs]))
 
 
 def _others(features: MotionFeatures) -> Floats[Array, "frames others"]:

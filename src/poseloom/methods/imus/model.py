@@ -7,12 +7,26 @@ from poseloom.methods.imus.features import SignalFeatures
 
 
 @dataclass(frozen=True, eq=False)
-class HmmModel:
-    """The fitted arrays. A state is a frame of a segment; segments follow each other in the order of their states.
+class Emission:
+    """What one length of windows says of the states.
 
     Attributes:
         signal_features: How windows of the live signal become columns.
         features: Of each state, the columns of its window.
+        precision: Of the Gaussian about them, by upper state and column.
+    """
+
+    signal_features: SignalFeatures
+    features: Floats32[Array, "states columns"]
+    precision: Floats[Array, "phases columns"]
+
+
+@dataclass(frozen=True, eq=False)
+class HmmModel:
+    """The fitted arrays. A state is a frame of a segment; segments follow each other in the order of their states.
+
+    Attributes:
+        emissions: Of windows of growing length; the last serves once so many samples were heard.
         signals: Of each state, the signal itself: specific force and angular rate of each sensor.
         quats_wxyz: Local rotations of all joints; the root's with its heading taken off.
         others: Of each state: root height, way aside and ahead to the next frame (leg lengths), turn of the heading
@@ -30,12 +44,10 @@ class HmmModel:
         phase_names: Of each upper state, its behaviour and phase.
         phase_sizes: Segments of each upper state.
         entry: Where the mass goes that leaves an upper state's segments.
-        precision: Of the emission, by upper state and column.
         bodies: Bone lengths of the people recorded, metres.
     """
 
-    signal_features: SignalFeatures
-    features: Floats32[Array, "states columns"]
+    emissions: tuple[Emission, ...]
     signals: Floats32[Array, "states channels"]
     quats_wxyz: Floats32[Array, "states joints 4"]
     others: Floats32[Array, "states others"]
@@ -52,11 +64,15 @@ class HmmModel:
     phase_names: tuple[str, ...]
     phase_sizes: Ints[Array, "phases"]
     entry: Floats[Array, "phases phases"]
-    precision: Floats[Array, "phases columns"]
     bodies: Floats[Array, "bodies bones"]
 
     def __len__(self) -> int:
-        return len(self.features)
+        return len(self.signals)
+
+    @property
+    def window(self) -> int:
+        """Samples of the longest window."""
+        return self.emissions[-1].signal_features.window
 
 
 WAY_ENTRIES = 4

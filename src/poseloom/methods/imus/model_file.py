@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from poseloom.errors import FormatError, PoseloomError
 from poseloom.formats.artefact import Artefact, read_artefact, write_artefact
 from poseloom.methods.imus.features import SignalFeatures
-from poseloom.methods.imus.model import HmmModel
+from poseloom.methods.imus.model import Emission, HmmModel
 from poseloom.methods.imus.phase_hmm import PhaseHmm
 from poseloom.methods.imus.phases import PhaseSettings
 from poseloom.methods.imus.settings import PhaseHmmSettings
@@ -20,7 +20,7 @@ from poseloom.sensors import SensorKind, SensorLayout, SensorSpec, make_layout
 KIND = "phase-hmm"
 VERSION = 1
 
-_NOT_ARRAYS = ("signal_features", "phase_names")
+_NOT_ARRAYS = ("emissions", "phase_names")
 
 
 def write_phase_hmm(method: PhaseHmm, path: str | Path) -> None:
@@ -33,7 +33,11 @@ def write_phase_hmm(method: PhaseHmm, path: str | Path) -> None:
     arrays: dict[str, NDArray[Any]] = {
         field.name: getattr(model, field.name) for field in fields(HmmModel) if field.name not in _NOT_ARRAYS
     }
-    arrays |= {f"window_{field.name}": getattr(model.signal_features, field.name) for field in fields(SignalFeatures)}
+    for index, emission in enumerate(model.emissions):
+        arrays |= {f"{index}_features": emission.features, f"{index}_precision": emission.precision}
+        arrays |= {
+            f"{index}_{each.name}": getattr(emission.signal_features, each.name) for each in fields(SignalFeatures)
+        }
     header = {
         "layout": {
             "name": method.layout.name,
@@ -42,6 +46,7 @@ def write_phase_hmm(method: PhaseHmm, path: str | Path) -> None:
         },
         "settings": asdict(method.settings),
         "phases": list(model.phase_names),
+        "emissions": len(model.emissions),
     }
     write_artefact(path, KIND, VERSION, header, arrays, seed=method.seed, data_digest=method.data_digest)
 
@@ -77,20 +82,30 @@ def _layout(content: Mapping[str, Any]) -> SensorLayout:
 def _settings(content: Mapping[str, Any]) -> PhaseHmmSettings:
     values = dict(content)
     values["phases"] = PhaseSettings(**values["phases"])
+    values["short_windows"] = tuple((int(length), int(columns)) for length, columns in values["short_windows"])
     values["steps"] = tuple(float(step) for step in values["steps"])
     return PhaseHmmSettings(**values)
 
 
+def _emission(artefact: Artefact, index: int) -> Emission:
+    windows = {field.name: artefact.arrays[f"{index}_{field.name}"] for field in fields(SignalFeatures)}
+    return Emission(
+        SignalFeatures(**windows), artefact.arrays[f"{index}_features"], artefact.arrays[f"{index}_precision"]
+    )
+
+
 def _model(artefact: Artefact) -> HmmModel:
     arrays = {field.name: artefact.arrays[field.name] for field in fields(HmmModel) if field.name not in _NOT_ARRAYS}
-    windows = {field.name: artefact.arrays[f"window_{field.name}"] for field in fields(SignalFeatures)}
+    emissions = tuple(_emission(artefact, index) for index in range(int(artefact.header["emissions"])))
     names = tuple(str(name) for name in artefact.header["phases"])
-    model = HmmModel(signal_features=SignalFeatures(**windows), phase_names=names, **arrays)
-    states, segments = len(model.features), len(model.first)
+    model = HmmModel(emissions=emissions, phase_names=names, **arrays)
+    states, segments = len(model), len(model.first)
     fitting = (
-        all(len(a) == states for a in (model.signals, model.quats_wxyz, model.others, model.ups, model.maps))
+        all(len(a) == states for a in (model.quats_wxyz, model.others, model.ups, model.maps))
         and all(len(a) == segments for a in (model.stop, model.phase_of_segment, model.successor))
         and len(model.phase_of_state) == states
+        and bool(emissions)
+        and all(len(e.features) == states and e.precision.shape == (len(names), e.features.shape[1]) for e in emissions)
         and model.entry.shape == (len(names), len(names))
         and bool(np.all(model.first < model.stop))
         and int(model.stop[-1]) == states

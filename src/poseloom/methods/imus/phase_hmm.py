@@ -87,6 +87,7 @@ class PhaseHmmState:
         heading: Radians about world up.
         drift: How much faster the wearer turns than the examples, radians a frame.
         gone: Metres gone so far.
+        age: Samples heard so far, up to a window's length.
         turn: Which states are looked at anew at the next sample.
         silent: Samples in a row in which no sensor spoke.
         rejoining: Samples left in which the pose only slowly follows, after a silence.
@@ -103,6 +104,7 @@ class PhaseHmmState:
     heading: float = 0.0
     drift: float = 0.0
     gone: float = 0.0
+    age: int = 0
     turn: int = 0
     silent: int = 0
     rejoining: int = 0
@@ -137,8 +139,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         self.settings = settings
         self.seed = seed
         self.data_digest = data_digest
-        self._precision = model.precision.astype(np.float32)
-        self._log_norm = 0.5 * np.log(model.precision / (2 * np.pi)).sum(axis=1)
+        self._precisions = [each.precision.astype(np.float32) for each in model.emissions]
+        self._log_norms = [0.5 * np.log(each.precision / (2 * np.pi)).sum(axis=1) for each in model.emissions]
         self._steps = np.array(settings.steps)
         self._rejoin = max(round(settings.rejoin_seconds * layout.rate), 1)
         self._stride = -(-len(model) // settings.restart_states)
@@ -162,7 +164,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         return PhaseHmmState(
             wearer,
             None,
-            np.full((self.model.signal_features.window, CHANNELS * len(self.layout)), np.nan),
+            np.full((self.model.window, CHANNELS * len(self.layout)), np.nan),
             unknown_mounting(len(self.layout), self.settings.mounting),
             None,
             quats,
@@ -184,9 +186,13 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             window = np.concatenate([state.window[1:], said[None]])
         spoken = bool(heard.any())
         live_window = aligned(state.mounting, window)
-        seen = self.model.signal_features.of_window(live_window)
-        log_alpha = self._forward(state, seen if spoken else None)
-        guess = self._guess(state, log_alpha, seen, self.settings.correction if spoken else 0.0)
+        age = min(state.age + 1, len(window))
+        stage = self._stage(age)
+        emission = self.model.emissions[stage].signal_features
+        seen = emission.of_window(live_window[len(window) - emission.window :])
+        log_alpha = self._forward(state, stage, seen if spoken else None)
+        whole = spoken and stage == len(self.model.emissions) - 1
+        guess = self._guess(state, log_alpha, seen, self.settings.correction if whole else 0.0)
         mounting = state.mounting
         if spoken and self.settings.mounting > 0:
             mounting = observe_mounting(mounting, said, guess.signal, heard, self.settings.mounting_gain)
@@ -196,6 +202,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             window=window,
             mounting=mounting,
             guess=guess,
+            age=age,
             turn=(state.turn + 1) % self._stride,
             silent=0 if spoken else state.silent + 1,
             rejoining=max(state.rejoining - 1, 0) if spoken else self._rejoin,
@@ -215,7 +222,14 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         away = np.linalg.norm((self.model.bodies - bone_lengths(skeleton)) / how.body_scale, axis=1)
         return -0.5 * np.minimum(away, how.body_limit)[self.model.body_of_segment] ** 2
 
-    def _forward(self, state: PhaseHmmState, seen: Floats32[Array, "columns"] | None) -> Floats[Array, "states"]:
+    def _stage(self, age: int) -> int:
+        """Index of the longest window that so many samples fill; the shortest where they fill none."""
+        fitting = [i for i, each in enumerate(self.model.emissions) if each.signal_features.window <= age]
+        return fitting[-1] if fitting else 0
+
+    def _forward(
+        self, state: PhaseHmmState, stage: int, seen: Floats32[Array, "columns"] | None
+    ) -> Floats[Array, "states"]:
         model, how = self.model, self.settings
         predicted = np.empty(len(model))
         if state.log_alpha is None:
@@ -230,8 +244,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             _forward_kernels.settle(predicted, how.beam, log_alpha)
         else:
             _forward_kernels.update(
-                predicted, model.features, self._precision, self._log_norm, state.wearer.log_weight, model.first,
-                model.stop, model.phase_of_segment, seen, how.restart,
+                predicted, model.emissions[stage].features, self._precisions[stage], self._log_norms[stage],
+                state.wearer.log_weight, model.first, model.stop, model.phase_of_segment, seen, how.restart,
                 self._stride, state.turn, how.beam, log_alpha,
             )  # fmt: skip
         return log_alpha
@@ -250,8 +264,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         mean, variance, speed = np.empty((joints, 4)), np.empty(3 * joints), np.empty(3 * joints)
         corrected = np.ascontiguousarray(others[:, :WAY_ENTRIES])
         _pose_kernels.interpolate(
-            model.quats_wxyz, model.features, model.maps, model.gains, model.variances, lower, upper, fraction, weights,
-            seen, correction, mean, variance, speed, corrected,
+            model.quats_wxyz, model.emissions[-1].features, model.maps, model.gains, model.variances, lower, upper,
+            fraction, weights, seen, correction, mean, variance, speed, corrected,
         )  # fmt: skip
         others[:, :WAY_ENTRIES] = corrected
         return Guess(

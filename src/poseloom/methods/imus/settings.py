@@ -14,6 +14,7 @@ class PhaseHmmSettings:
     Attributes:
         window: Samples of the signal, the newest last, of which the emission looks at; the paper's 1.
         columns: Principal components of that window that are compared; 0 compares its channels themselves.
+        short_windows: Samples and columns of shorter windows, which serve until the next longer one is filled.
         window_emission: Whether a state's precision is the nearest other takes' (True) or the spread of the registered
             segments about their mean, channel by channel (False, nearer to the paper's).
         tempering: Factor of the emission's precision: windows overlap, so their evidence must not be counted anew.
@@ -47,6 +48,7 @@ class PhaseHmmSettings:
 
     window: int = 30
     columns: int = 60
+    short_windows: tuple[tuple[int, int], ...] = ((4, 16), (12, 32))
     window_emission: bool = True
     tempering: float = 1.5
     steps: tuple[float, float, float] = (0.2, 0.6, 0.2)
@@ -81,6 +83,7 @@ PAPER_SETTINGS = PhaseHmmSettings(
     neighbours=5,
     sharpness=1.0,
     columns=0,
+    short_windows=(),
     window_emission=False,
     tempering=1.0,
     steps=(1 / 3, 1 / 3, 1 / 3),
