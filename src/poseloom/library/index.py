@@ -108,14 +108,25 @@ class MomentIndex:
 def _search(
     index: Any, query: Floats[Array, "columns"], count: int, exclusion: Exclusion | None
 ) -> tuple[Ints[Array, "found"], Floats[Array, "found"]]:
-    parameters = None
-    if exclusion is not None:
-        selector = faiss.IDSelectorBitmap(exclusion.count, faiss.swig_ptr(exclusion.allowed))
-        kind = faiss.SearchParametersIVF if hasattr(index, "nprobe") else faiss.SearchParameters
-        parameters = kind(sel=selector)
-        if hasattr(index, "nprobe"):
-            parameters.nprobe = index.nprobe
-    distances, found = index.search(query[None].astype(np.float32), count, params=parameters)
+    wanted = query[None].astype(np.float32)
+    if exclusion is None:
+        distances, found = index.search(wanted, count)
+        return _found(distances, found)
+    selector = faiss.IDSelectorBitmap(exclusion.count, faiss.swig_ptr(exclusion.allowed))
+    if not hasattr(index, "nprobe"):
+        return _found(*index.search(wanted, count, params=faiss.SearchParameters(sel=selector)))
+    # Where much is left out, the nearest lists may hold nothing else: look into more of them.
+    probes = index.nprobe
+    while True:
+        distances, found = index.search(wanted, count, params=faiss.SearchParametersIVF(sel=selector, nprobe=probes))
+        if found[0, -1] >= 0 or probes >= index.nlist:
+            return _found(distances, found)
+        probes = min(4 * probes, index.nlist)
+
+
+def _found(
+    distances: Floats32[Array, "1 count"], found: Ints[Array, "1 count"]
+) -> tuple[Ints[Array, "found"], Floats[Array, "found"]]:
     good = found[0] >= 0
     return found[0][good], distances[0][good].astype(np.float64)
 
