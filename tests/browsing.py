@@ -46,6 +46,7 @@ class Visit:
 
     def __init__(self, page: Any) -> None:
         self.page = page
+        page.set_default_timeout(90_000)  # of a machine on which much else runs
         self.complaints: list[str] = []
         page.on("console", lambda m: self.complaints.append(m.text) if m.type == "error" else None)
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
@@ -85,7 +86,7 @@ class Visit:
         )
         return round(box[0]), round(box[1])
 
-    def until(self, what: Callable[[], bool], seconds: float = 30.0) -> None:
+    def until(self, what: Callable[[], bool], seconds: float = 90.0) -> None:
         """Waits for something, on a slow machine for long; fails if it does not come.
 
         A failure leaves what was seen in the folder POSELOOM_PICTURES, if that is set.

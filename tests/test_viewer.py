@@ -1,9 +1,18 @@
 """The viewer without a browser: who is let in, what is drawn where, and what is shown of files."""
 
+import contextlib
+import dataclasses
 import http.client
 import itertools
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,16 +24,32 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request
 from websockets.sync.client import ClientConnection, connect
 
+from poseloom.calibration.poses import guided_pose
+from poseloom.cli._app import run
 from poseloom.errors import MethodError, PoseloomError, ViewerError
 from poseloom.formats.recording import write_recording
+from poseloom.live.contract import (
+    CalibrationProgress,
+    Counters,
+    Finding,
+    Latency,
+    Level,
+    Notice,
+    SessionFacts,
+    Sink,
+    Trouble,
+    Update,
+)
+from poseloom.methods.contract import Frame, Health, HealthState
 from poseloom.rotations import matrix_from_quat
 from poseloom.samples import sample_motions
-from poseloom.sensors import layout, make_recording
+from poseloom.sensors import Sample, default_placements, layout, make_recording
+from poseloom.sensors.recording import CHANNEL_SHAPES
 from poseloom.skeleton import make_skeleton
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.contacts import contacts
 from poseloom.skeleton.kinematics import forward_kinematics, motion_frames
-from poseloom.skeleton.motion import make_motion
+from poseloom.skeleton.motion import Pose, make_motion
 from poseloom.skeleton.resample import resample
 from poseloom.synthesis import simulate_trackers
 from poseloom.viewer import server as server_module
@@ -35,6 +60,7 @@ from poseloom.viewer.markers import SoleContacts, Trail
 from poseloom.viewer.player import Player, _Clock
 from poseloom.viewer.plots import POINTS, Rolling, decimated
 from poseloom.viewer.server import OpenServer, open_server
+from poseloom.viewer.session import SessionViewer
 from poseloom.viewer.stage import WORLD, Stage, framing
 from poseloom.viewer.tracks import Take, Wanted, load_take, position_errors_cm, track_of
 from poseloom.viewer.words import box, findings_text
@@ -176,9 +202,7 @@ def test_a_taken_port_and_a_foreign_address_are_refused(guarded: OpenServer):
 
 
 def test_a_server_that_the_guard_does_not_reach_is_not_left_open(monkeypatch: pytest.MonkeyPatch):
-    from contextlib import nullcontext
-
-    monkeypatch.setattr(server_module, "_guarding", lambda _access: nullcontext([]))
+    monkeypatch.setattr(server_module, "_guarding", lambda _access: contextlib.nullcontext([]))
     with pytest.raises(ViewerError, match="guard"):
         open_server("127.0.0.1", 0)
 
@@ -369,8 +393,6 @@ def test_long_series_are_decimated():
 
 
 def test_what_devices_say_is_text_and_never_markup():
-    from poseloom.live.contract import Finding, Trouble
-
     text = findings_text([Finding("x", Trouble.SILENT, "<script>alert(1)</script>", 0.0)])
     assert "<script>" not in text
     assert "&lt;script&gt;" in text
@@ -399,8 +421,6 @@ def without_truth(path: Path, kind: str, tmp_path: Path) -> Path:
             "positions": np.tile([0.0, 1.0, 0.0], (5, count, 1)),
             "quats_wxyz": np.tile([1.0, 0.0, 0.0, 0.0], (5, count, 1)),
         }
-    from poseloom.sensors import default_placements
-
     body = average_body()
     made = make_recording(worn, default_placements(worn, body), body, np.arange(5) / worn.rate, **values)
     write_recording(made, tmp_path / path)
@@ -503,3 +523,180 @@ def test_a_player_plays_without_anybody_looking(walk_file: Path):
     finally:
         player.close()
     assert not player._thread.is_alive()
+
+
+# --- a live session --------------------------------------------------------------------------------------------------
+
+
+def facts_of(kind: str, **changes: object) -> SessionFacts:
+    worn, body = layout(kind), average_body()
+    facts = SessionFacts(
+        worn, body, tuple(default_placements(worn, body)), False, "a", ("a", "b"), 0, ("a source",), kind[-1] == "s"
+    )
+    return dataclasses.replace(facts, **changes)
+
+
+def update_of(facts: SessionFacts, number: int, **changes: object) -> Update:
+    count = len(facts.layout)
+    values = {name: np.full((count, *shape), np.nan) for name, shape in CHANNEL_SHAPES.items()}
+    sample = Sample(number / 60.0, 0.0, **values, status=np.full(count, 1))
+    q = np.full(facts.skeleton.size, 0.01 * number)
+    frame = Frame(number / 60.0, Pose(facts.skeleton, q), np.full_like(q, 0.1), Health(HealthState.COASTING))
+    made = Update(number, sample, frame, number / 60.0, Latency(1.0, 2.0, 3.0, 1.0, 0.5, 0.0), Counters())
+    return dataclasses.replace(made, **changes)
+
+
+def visitor() -> Mock:
+    """Somebody who looks."""
+    client = Mock(spec=viser.ClientHandle)
+    client.client_id = 0
+    client.camera = Mock(image_width=1280, image_height=800)
+    client.atomic.return_value = contextlib.nullcontext()
+    return client
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[SessionViewer]:
+    """A viewer that takes itself for watched, and draws every update."""
+    viewer = SessionViewer(port=0, frame_rate=1e9)
+    monkeypatch.setattr(viewer._server.viser, "get_clients", dict.fromkeys([0], visitor()).copy)
+    yield viewer
+    viewer.close()
+
+
+@pytest.mark.parametrize("kind", ["six-trackers", "right-foot-imu", "flex-four", "flex-four+hips-imu"])
+def test_every_layout_is_drawn_with_and_without_readings(watched: SessionViewer, kind: str):
+    facts = facts_of(kind)
+    watched.open(facts, lambda _command: None)
+    for number in range(3):
+        watched.show(update_of(facts, number))
+    watched.show(update_of(facts, 3, frame=None))
+    places = [np.asarray(mark.position) for mark in watched._scene._sensors._marks]
+    # A tracker that never said where it is is not shown; the others are where they are worn.
+    assert all(place.any() == (kind != "six-trackers") for place in places)
+    assert watched.frames == 4
+    assert isinstance(watched, Sink)
+
+
+def test_what_is_wrong_stands_in_the_panel(watched: SessionViewer):
+    facts = facts_of("six-trackers")
+    watched.open(facts, lambda _command: None)
+    finding = Finding("leftHand", Trouble.SILENT, "leftHand is silent: check its battery", 1.0)
+    levels = {1: Level.ERROR, 2: Level.ERROR, 3: Level.WARNING}
+    notices = tuple(Notice(n, level, f"notice {n}", time.monotonic()) for n, level in levels.items())
+    watched.show(update_of(facts, 1, findings=(finding,), notices=notices))
+    assert "check its battery" in watched._panel._findings.content
+    assert watched._panel._findings.visible
+    assert "silent" in watched._panel._sensors.content
+    assert "notice 3" in watched._panel._said.content
+    (client,) = watched._server.viser.get_clients().values()
+    watched._panel._written = 0.0
+    watched.show(update_of(facts, 2, notices=notices))
+    assert not watched._panel._findings.visible
+    assert [call.args[1] for call in client.add_notification.call_args_list] == ["notice 1", "notice 2"]
+
+
+def test_new_facts_change_body_and_buttons(watched: SessionViewer):
+    facts = facts_of("six-trackers")
+    watched.open(facts, lambda _command: None)
+    watched.show(update_of(facts, 0))
+    body = average_body()
+    taller = dataclasses.replace(
+        facts, skeleton=body.with_offsets(1.1 * body.offsets), method="b", recording=Path("x.mcap"), calibrated=True
+    )
+    watched.changed(taller)
+    watched.show(update_of(taller, 1))
+    assert watched._panel._record.label == "Stop recording"
+    assert watched._panel._method.value == "b"
+    hips = watched._scene._figure._nodes[body.index("leftLowerLeg")]
+    np.testing.assert_allclose(hips.position, 1.1 * body.offsets[body.index("leftLowerLeg")])
+
+
+def test_a_calibration_is_led_through(watched: SessionViewer):
+    facts = facts_of("six-trackers")
+    watched.open(facts, lambda _command: None)
+    hold = CalibrationProgress("Left heel up", "Stand on your right leg.", "left-heel", "hold", 1.2, 3, 8)
+    watched.show(update_of(facts, 0, calibration=hold))
+    panel, scene = watched._panel, watched._scene
+    assert "Stand on your right leg." in panel._guide.content
+    assert ">2<" in panel._guide.content
+    assert (panel._guide.visible, panel._cancel.visible, panel._record.visible) == (True, True, False)
+    assert scene._guide._place.visible
+    np.testing.assert_allclose(scene._guide._nodes[0].position, guided_pose("left-heel").q[:3])
+    computing = CalibrationProgress("", "", "", "computing", 0.0, 8, 8)
+    watched.show(update_of(facts, 1, calibration=computing))
+    assert not scene._guide._place.visible
+    watched.show(update_of(facts, 2))
+    assert (panel._guide.visible, panel._cancel.visible, panel._record.visible) == (False, False, True)
+
+
+def test_nothing_is_drawn_while_nobody_looks_and_not_faster_than_can_be_seen():
+    facts = facts_of("six-trackers")
+    viewer = SessionViewer(port=0, frame_rate=0.001)
+    try:
+        viewer.open(facts, lambda _command: None)
+        viewer.show(update_of(facts, 0))
+        assert viewer.frames == 0
+        viewer._server.viser.get_clients = lambda: {0: visitor()}
+        for number in range(50):
+            viewer.show(update_of(facts, number))
+        assert viewer.frames == 1
+        assert len(viewer._plots._latency.lines()[0]) > 5
+    finally:
+        viewer.close()
+
+
+def test_a_viewer_that_cannot_be_built_stops_listening(monkeypatch: pytest.MonkeyPatch):
+    viewer = SessionViewer(port=0)
+    port = viewer._server.viser.get_port()
+    monkeypatch.setattr("poseloom.viewer.session.LivePanel", Mock(side_effect=ValueError("no panel")))
+    with pytest.raises(ValueError, match="no panel"):
+        viewer.open(facts_of("six-trackers"), lambda _command: None)
+    with pytest.raises(ConnectionRefusedError):
+        http.client.HTTPConnection("127.0.0.1", port, timeout=2).request("GET", "/")
+
+
+def test_twenty_visits_leave_nothing_behind(guarded: OpenServer):
+    server = guarded.viser._websock_server
+    cookie = f"poseloom-{guarded.viser.get_port()}={guarded.access.token}"
+    kept = len(server._broadcast_buffer.message_from_id)
+    threads = threading.active_count()
+    for _ in range(20):
+        with dial(guarded, Cookie=cookie) as visitor:
+            assert len(visitor.recv(timeout=5)) > 100
+    deadline = time.monotonic() + 10
+    while server._client_state_from_id and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert server._client_state_from_id == {}
+    assert server._broadcast_buffer.generator_cursors == {}
+    assert len(server._broadcast_buffer.message_from_id) == kept
+    assert threading.active_count() <= threads + 2
+
+
+# --- the command -----------------------------------------------------------------------------------------------------
+
+
+def test_the_command_says_where_to_look_serves_it_and_ends_quietly(walk_file: Path):
+    command = [sys.executable, "-m", "poseloom", "view", str(walk_file), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        address = re.search(r"http://127\.0\.0\.1:(\d+)/", process.stdout.readline())
+        if address:
+            connection = http.client.HTTPConnection("127.0.0.1", int(address[1]), timeout=10)
+            connection.request("GET", "/")
+            assert connection.getresponse().status == 200
+        process.send_signal(signal.SIGINT)
+        rest, errors = process.communicate(timeout=60)
+    assert address, errors
+    assert process.returncode == 0
+    assert "Ended." in rest
+    assert "Traceback" not in errors
+
+
+def test_the_command_tells_what_cannot_be_shown(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    assert run(["view", str(tmp_path / "none.mcap")]) == 2
+    assert "there is no such file" in capsys.readouterr().err
+    assert run(["view", "sample:walk", "-m", "inverse-kinematics"]) == 2
+    assert "needs a recording" in capsys.readouterr().err
+    assert run(["view", "sample:walk", "--bind", "203.0.113.5"]) == 2
+    assert "cannot listen" in capsys.readouterr().err

@@ -70,7 +70,7 @@ def _motion(content: dict[str, Any], blob: bytes, name: str) -> Motion:
     animation = content["animations"][0]
     times: Floats[Array, frames] | None = None
     quats = [_still(node) for node in joints]
-    places: dict[int, Floats[Array, "frames 3"]] = {}
+    places: dict[int, NDArray[np.float64]] = {}
     for channel in animation["channels"]:
         sampler = animation["samplers"][channel["sampler"]]
         times = _values(content, blob, sampler["input"])[:, 0]

@@ -21,10 +21,12 @@ from poseloom.live.contract import (
 from poseloom.methods.contract import Health, HealthState
 from poseloom.viewer.colours import LOST, METHODS
 from poseloom.viewer.plots import PlotLook, Rolling, add_plot, signals_of
-from poseloom.viewer.words import counters_text, findings_text, guide_text, sensor_table, status_text
+from poseloom.viewer.words import counters_text, findings_text, guide_text, notice_text, sensor_table, status_text
 
 _TEXT_PERIOD = 0.25
 _PLOT_PERIOD = 0.3
+_SAID_SECONDS = 10.0
+"""For how long the last notice stands in the panel."""
 _MOST_ROUNDS = 5
 _HEALTH_LEVELS = {HealthState.LOST: 0.0, HealthState.COASTING: 1.0, HealthState.DEGRADED: 2.0, HealthState.OK: 3.0}
 _NO_LATENCY = Latency(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -48,6 +50,7 @@ class LivePanel:
         gui.configure_theme(show_logo=False, show_share_button=False)
         self._status = gui.add_html(status_text(facts, None, _NO_LATENCY, Counters()))
         self._findings = gui.add_html("", visible=False)
+        self._said = gui.add_html("", visible=False)
         self._guide = gui.add_html("", visible=False)
         self._cancel = gui.add_button("Cancel calibration", color="gray", visible=False)
         self._cancel.on_click(lambda _: post(CancelCalibration()))
@@ -88,6 +91,9 @@ class LivePanel:
         self._status.content = status_text(self._facts, health, update.latency, update.counters)
         self._findings.content = findings_text(update.findings)
         self._findings.visible = bool(update.findings)
+        said = [notice for notice in update.notices[-1:] if now - notice.time < _SAID_SECONDS]
+        self._said.content = "".join(notice_text(notice) for notice in said)
+        self._said.visible = bool(said)
         self._sensors.content = sensor_table(self._facts, update.sample.status.tolist(), update.findings)
         self._counters.content = counters_text(update.counters, self._facts)
 

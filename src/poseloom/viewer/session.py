@@ -1,6 +1,7 @@
 """The viewer of a live session: a sink that shows what the session makes and hands on what a person asks of it."""
 
 import time
+from collections.abc import Iterable
 
 import numpy as np
 import viser
@@ -18,24 +19,20 @@ from poseloom.live.contract import (
 from poseloom.methods.contract import Frame
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.kinematics import forward_kinematics
-from poseloom.viewer.colours import GUIDE, METHODS, Colour
+from poseloom.viewer.colours import GUIDE, METHODS
 from poseloom.viewer.figure import Figure, FigureLook
 from poseloom.viewer.markers import ContactMarks, SensorMarks, SoleContacts, Trail
 from poseloom.viewer.options import Shown, ViewOptions
 from poseloom.viewer.panels import LivePanel, LivePlots
 from poseloom.viewer.server import open_server
 from poseloom.viewer.stage import WORLD, Stage
+from poseloom.viewer.words import NOTICE_COLOURS
 
 FRAME_RATE = 40.0
 """Poses a second that are sent to browsers at most: smooth to look at, and drawing takes its share of one core."""
 
 _GUIDE_SPACING, _GUIDE_SLACK = 1.1, 0.3
 _NOTICE_SECONDS = 12.0
-_NOTICE_COLOURS: dict[Level, Colour] = {
-    Level.NOTE: (60, 120, 200),
-    Level.WARNING: (230, 159, 0),
-    Level.ERROR: (204, 61, 61),
-}
 
 
 class SessionViewer:
@@ -121,8 +118,9 @@ class SessionViewer:
         for notice in update.notices:
             if notice.number > self._told:
                 self._told = notice.number
-                for client in clients.values():
-                    _notify(client, notice)
+                # The others stand in the panel: what lies over the figure had better be rare.
+                if notice.level is Level.ERROR:
+                    _notify(clients.values(), notice)
 
     def close(self) -> None:
         """Stops listening."""
@@ -208,13 +206,11 @@ def _at_rest(facts: SessionFacts) -> np.ndarray:
     return q
 
 
-def _notify(client: viser.ClientHandle, notice: Notice) -> None:
-    client.add_notification(
-        notice.level.value,
-        notice.text,
-        auto_close_seconds=_NOTICE_SECONDS,
-        color=_NOTICE_COLOURS[notice.level],
-    )
+def _notify(clients: Iterable[viser.ClientHandle], notice: Notice) -> None:
+    for client in clients:
+        client.add_notification(
+            "Error", notice.text, auto_close_seconds=_NOTICE_SECONDS, color=NOTICE_COLOURS[notice.level]
+        )
 
 
 def _nobody(_command: Command) -> None:

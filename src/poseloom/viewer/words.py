@@ -3,7 +3,7 @@
 import html
 from collections.abc import Iterable, Mapping, Sequence
 
-from poseloom.live.contract import CalibrationProgress, Counters, Finding, Latency, SessionFacts
+from poseloom.live.contract import CalibrationProgress, Counters, Finding, Latency, Level, Notice, SessionFacts
 from poseloom.methods.contract import Health, HealthState
 from poseloom.viewer.colours import LOST, SILENT, STANDING, UNSURE, Colour, hexadecimal
 
@@ -13,6 +13,7 @@ HEALTH_COLOURS: Mapping[HealthState, Colour] = {
     HealthState.COASTING: LOST,
     HealthState.LOST: LOST,
 }
+NOTICE_COLOURS: Mapping[Level, Colour] = {Level.NOTE: STANDING, Level.WARNING: UNSURE, Level.ERROR: LOST}
 _HEALTH_WORDS = {
     HealthState.OK: "all sensors speak",
     HealthState.DEGRADED: "without",
@@ -62,6 +63,11 @@ def findings_text(findings: Sequence[Finding]) -> str:
         return ""
     lines = "<br>".join(f"{dot(LOST)}{html.escape(finding.text)}" for finding in findings)
     return box(lines)
+
+
+def notice_text(notice: Notice) -> str:
+    """What has just happened."""
+    return box(f"{dot(NOTICE_COLOURS[notice.level])}{html.escape(notice.text)}")
 
 
 def sensor_table(facts: SessionFacts, status: Iterable[int], findings: Sequence[Finding]) -> str:
