@@ -48,7 +48,7 @@ class Told(Reconstructor[int]):
 
 @pytest.fixture(scope="module")
 def walk() -> Recording:
-    motion = loop(sample_motions()["walk"], 2)
+    motion = loop(sample_motions()["walk"], 1)
     flex = simulate_flex(motion, FOUR, IDEAL_FLEX)
     imu = simulate_imus(motion, layout_of_kind(MIXED, SensorKind.IMU), NO_IMU_NOISE)
     return merge_recordings(MIXED, [flex, imu])
@@ -70,7 +70,7 @@ def test_with_an_imu_the_hips_turn_as_they_do_and_the_root_goes_where_it_goes(wa
     assert all(health.state is HealthState.OK for health in found.health)
     path = found.spread[:, 0]
     assert (np.diff(path) >= 0).all()
-    assert path[-1] > 5 * path[0]
+    assert path[-1] > 2 * path[0]
 
 
 def test_without_an_imu_the_lower_foot_stands_and_nothing_else_is_claimed(walk: Recording) -> None:

@@ -14,6 +14,12 @@ from poseloom.synthesis.flex_sensors import FlexBoard, FlexSensors, Spread, chec
 _WINDOW_SECONDS = 5.0
 """Windows in which slip is read off the residuals."""
 
+_ASSUMED_PART: Mapping[str, str] = {
+    "range": "median",
+    **dict.fromkeys(("creep", "slip_seconds", "loose_opens", "open_seconds"), "log_sd"),
+}
+"""Of figures from data, the part that the data do not tell."""
+
 _UNEXPLAINED = 0.15
 """Residual, as a share of the range, from which on a fit tells nothing of the curve."""
 
@@ -118,7 +124,11 @@ def _slip(own: Sequence[tuple[ChannelFit, BendTable]]) -> tuple[Spread, Spread]:
 def sensors_to_json(sensors: FlexSensors, fitted: Sequence[str], facts: Mapping[str, object]) -> str:
     """A batch of sensors as JSON, with what is fitted, what is assumed, and where it comes from."""
     figures = {
-        name: {**asdict(spread), "from": "data" if name in fitted else "assumed"}
+        name: {
+            **asdict(spread),
+            "from": "data" if name in fitted else "assumed",
+            **({"but assumed": _ASSUMED_PART[name]} if name in fitted and name in _ASSUMED_PART else {}),
+        }
         for name, spread in sensors.spreads.items()
     }
     content = {
