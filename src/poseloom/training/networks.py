@@ -6,6 +6,7 @@ value was measured and 0 where it is the last known one carried on. The paper's 
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -99,8 +100,15 @@ class BiLstm(nn.Module):
     def forward(self, inputs: Tensor) -> Tensor:
         heard = self.dense_in(self.calibrator(inputs[..., :CHANNELS])[:, -HEARD:])
         ahead = self.forwards(heard)[0][:, -1]
-        back = self.backwards(heard[:, -1:])[0][:, 0]
-        return self.head(torch.cat([ahead, back], dim=-1))
+        return self.head(torch.cat([ahead, self._back(heard[:, -1])], dim=-1))
+
+    def _back(self, last: Tensor) -> Tensor:
+        """The backward direction's first step, from nothing: what it would recall and forget is nil."""
+        names = ("weight_ih_l0", "bias_ih_l0", "bias_hh_l0")
+        weight, bias, more = (cast(Tensor, getattr(self.backwards, name)) for name in names)
+        gates = nn.functional.linear(last, weight, bias + more)
+        let_in, _, new, let_out = gates.chunk(4, dim=-1)
+        return torch.sigmoid(let_out) * torch.tanh(torch.sigmoid(let_in) * torch.tanh(new))
 
 
 class Transformer(nn.Module):
