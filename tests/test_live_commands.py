@@ -1,0 +1,87 @@
+"""`poseloom live`, `resolve`, `simulate-device` and the benchmark's page, as users run them."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseloom.benchmark.live.fuzzing import measure_parsers
+from poseloom.benchmark.live.page import live_figures
+from poseloom.benchmark.live.run import with_rows_of
+from poseloom.cli._app import run
+from poseloom.evaluation.rows import Results, Row
+from poseloom.formats import read_motion, write_motion
+from poseloom.formats.pose_table import write_pose_table
+from poseloom.samples import sample_motions
+from poseloom.skeleton.kinematics import motion_frames
+
+
+def test_live_then_resolve(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    write_motion(sample_motions()["walk"].cut(0, 60), tmp_path / "walk.bvh")
+    (tmp_path / "live.toml").write_text(
+        f'source = "simulate:{tmp_path}/walk.bvh,once,fault=silent:leftHand:0.3:0.8"\n'
+        f'record = "{tmp_path}/a.mcap"\nexport = "{tmp_path}/no.bvh"\n'
+    )
+    assert run(["live", "--config", str(tmp_path / "live.toml"), "--export", str(tmp_path / "a.csv")]) == 0
+    told = capsys.readouterr().out
+    assert "inverse-kinematics on six-trackers at 60 Hz" in told
+    assert "arrival to pose sent" in told
+    assert not (tmp_path / "no.bvh").exists()
+    with (tmp_path / "a.csv").open() as file:
+        heads, *rows = csv.reader(file)
+    assert heads[:4] == ["time", "hips.x", "hips.y", "hips.z"]
+    assert len(rows) >= 30
+    assert run(["resolve", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "b.npz")]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "all the same in every bit" in told
+    assert read_motion(tmp_path / "b.npz").rate == 60.0
+
+
+def test_mistakes_are_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    for arguments, message in (
+        (["live"], "no source was given"),
+        (["live", "-s", "vmc", "--calibration", str(tmp_path / "none")], "there is no such file"),
+        (["live", "--config", str(tmp_path / "none")], "there is no such file"),
+        (["resolve", str(tmp_path / "none"), "-o", str(tmp_path / "a.bvh")], "there is no such file"),
+        (["resolve", str(tmp_path / "none"), "-o", str(tmp_path / "a.fbx")], "no motion can be exported as .fbx"),
+        (["simulate-device", "midi"], "unknown device 'midi'"),
+        (["simulate-device", "vmc", "sample:walk", "--to", "nowhere"], "is no HOST:PORT"),
+    ):
+        assert run(arguments) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_a_pose_table_holds_places_and_rotations(tmp_path: Path):
+    motion = sample_motions()["kick"].cut(0, 20)
+    write_pose_table(motion, tmp_path / "a.csv")
+    table = np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)
+    assert np.allclose(table[:, 0], np.arange(20) / 60, atol=1e-6)
+    cells = table[:, 1:].reshape(20, -1, 6)
+    assert np.allclose(cells[..., :3], motion_frames(motion).positions, atol=1e-6)
+    assert np.allclose(cells[..., 3:], motion.rotvecs, atol=1e-6)
+
+
+def test_parsers_survive_the_benchmarks_packets():
+    rows = measure_parsers(400, 1, lambda what, done, total: None)
+    crashes = [row.value for row in rows if row.metric == "crashes"]
+    refused = [row.value for row in rows if row.metric == "refused"]
+    assert crashes == [0.0] * 4
+    assert refused == [5.0] * 4
+    understood = {row.method: row.value for row in rows if row.metric == "understood"}
+    assert all(0 < value < 100 for value in understood.values())
+
+
+def test_the_page_says_what_was_missed():
+    values = {
+        "p50_ms": 4.0, "p95_ms": 12.0, "p99_ms": 20.0, "sent": 100.0, "lost": 0.0, "passed_over": 3.0,
+        "samples_not_recorded": 0.0, "memory_mb_after_a_fifth": 300.0, "memory_mb_at_the_end": 301.0,
+        "load_mean": 1.0, "load_most": 2.0,
+    }  # fmt: skip
+    rows = tuple(Row("endurance", "45 s", "", "none", metric, value) for metric, value in values.items())
+    figures = live_figures(Results("live", "d", rows), "abc")
+    assert "12.00 ms | **missed**" in figures
+    assert "0 of 100 | met" in figures
+    assert "300 and 301 MB | met" in figures
+    other = Results("live", "d", (Row("faults", "x", "", "none", "failures", 0.0),))
+    assert {row.table for row in with_rows_of(other, Results("live", "d", rows)).rows} == {"faults", "endurance"}
