@@ -79,7 +79,7 @@ class SignalFeatures:
     """How windows of the signal become the columns that emissions compare. Make one with `fit_signal_features`.
 
     Attributes:
-        scale: Standard deviation of each channel.
+        scale: By which each channel is divided: see `fit_model`.
         mean: Mean of the scaled windows.
         basis: Directions; the identity where the channels themselves are compared.
     """
@@ -108,23 +108,24 @@ def windows(signal: Floats[Array, "frames channels"], length: int) -> Floats[Arr
     return np.concatenate([padded[k : k + len(signal)] for k in range(length)], axis=1)
 
 
-def fit_signal_features(signals: list[NDArray[np.float64]], window: int, columns: int, seed: int) -> SignalFeatures:
-    """Learns scales and principal components from all signals.
+def fit_signal_features(
+    signals: list[NDArray[np.float64]], scale: Floats[Array, "channels"], window: int, columns: int, seed: int
+) -> SignalFeatures:
+    """Learns principal components from all signals.
 
     Args:
         signals: One a clip.
+        scale: By which each channel is divided.
         window: Samples of a window.
         columns: Principal components; 0 keeps the scaled channels.
         seed: Of the draw of windows.
     """
-    every = np.concatenate(signals)
-    scale = np.maximum(every.std(axis=0), 1e-6)
+    width = window * len(scale)
+    if columns == 0:
+        return SignalFeatures(frozen_float(scale), frozen_float(np.zeros(width)), frozen_float(np.eye(width)))
     rows = np.concatenate([windows(signal / scale, window) for signal in signals])
     if len(rows) > _MOST_ROWS:
         rows = rows[np.sort(np.random.default_rng(seed).choice(len(rows), _MOST_ROWS, replace=False))]
-    if columns == 0:
-        width = rows.shape[1]
-        return SignalFeatures(frozen_float(scale), frozen_float(np.zeros(width)), frozen_float(np.eye(width)))
     mean = rows.mean(axis=0)
     _, _, directions = np.linalg.svd(rows - mean, full_matrices=False)
     return SignalFeatures(frozen_float(scale), frozen_float(mean), frozen_float(directions[:columns].T))

@@ -81,32 +81,20 @@ def fit_model(
     quats = np.concatenate([f.quats_wxyz for f in features])
     others = np.concatenate([_others(f) for f in features])
     signals = np.concatenate([pair.signal for pair in pairs])
-    windows = [_windows(pairs, *each, seed) for each in (*settings.short_windows, (settings.window, settings.columns))]
     ups = np.concatenate([_ups(pair, layout) for pair in pairs])
     # Segments cover the pairs frame by frame and in order, so states are the pairs' frames one after another.
     successor = np.where(np.diff(owners, append=-1) == 0, np.arange(1, len(stretches) + 1), -1).astype(np.int64)
-    maps, gains, variances = _fit_maps(
-        stretches,
-        features,
-        quats,
-        others,
-        windows[-1][1],
-        firsts,
-        stops,
-        phase_of_segment,
-        len(uppers),
-        settings,
-        seed,
-        tell,
-    )  # fmt: skip
     phase_of_state = np.repeat(phase_of_segment, lengths)
+    maps = _register(stretches, features, phase_of_segment, len(uppers), seed, tell)
+    scale = _noise_scale(signals, maps)
+    sizes = (*settings.short_windows, (settings.window, settings.columns))
+    windows = [_windows(pairs, scale, window, columns, seed) for window, columns in sizes]
+    gains, variances = _fit_maps(maps, phase_of_state, quats, others, windows[-1][1], settings.shrinkage)
     takes = np.array([pair.take for pair in pairs])
     take_of_state = np.repeat(np.unique(takes, return_inverse=True)[1][owners], lengths)
+    kinds = (phase_of_state, take_of_state, maps, len(uppers))
     emissions = tuple(
-        Emission(
-            how, seen, frozen_float(_precision(seen, phase_of_state, take_of_state, maps, len(uppers), settings, seed))
-        )
-        for how, seen in windows
+        Emission(how, seen, frozen_float(_precision(seen, *kinds, settings, seed))) for how, seen in windows
     )
     bodies, body_of_pair = _bodies(pairs)
     return HmmModel(
@@ -169,10 +157,10 @@ def _cut(
 
 
 def _windows(
-    pairs: Sequence[SignalPair], window: int, columns: int, seed: int
+    pairs: Sequence[SignalPair], scale: Floats[Array, "channels"], window: int, columns: int, seed: int
 ) -> tuple[SignalFeatures, Floats32[Array, "states columns"]]:
     """How windows of one length become columns, and those of all frames."""
-    how = fit_signal_features([pair.signal for pair in pairs], window, columns, seed)
+    how = fit_signal_features([pair.signal for pair in pairs], scale, window, columns, seed)
     return how, frozen(np.concatenate([how.of_signal(pair.signal) for pair in pairs]))
 
 
@@ -190,41 +178,63 @@ def _ups(pair: SignalPair, layout: SensorLayout) -> Floats[Array, "frames sensor
     return np.asarray((rotations[:, bones] @ turns)[:, :, 1, :])
 
 
-def _fit_maps(
+def _register(
     stretches: Sequence[_Stretch],
     features: Sequence[MotionFeatures],
-    quats: Floats[Array, "states joints 4"],
-    others: Floats[Array, "states others"],
-    seen: Floats32[Array, "states columns"],
-    firsts: Ints[Array, "segments"],
-    stops: Ints[Array, "segments"],
     phase_of_segment: Ints[Array, "segments"],
     phases: int,
-    settings: PhaseHmmSettings,
     seed: int,
     tell: Progress,
-) -> tuple[Ints[Array, "states"], Floats[Array, "maps entries columns"], Floats[Array, "maps entries"]]:
-    """A Gaussian map for each phase and warped time, and which one each state has."""
-    maps = np.zeros(len(quats), dtype=np.int64)
-    gains: list[NDArray[np.float64]] = []
-    variances: list[NDArray[np.float64]] = []
+) -> Ints[Array, "states"]:
+    """For each state its phase and warped time as one number: those of a phase follow each other."""
     shapes = [registered_columns(each) for each in features]
+    times: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)] * len(stretches)
+    count = 0
     for phase in range(phases):
         members: list[int] = np.flatnonzero(phase_of_segment == phase).tolist()
         pieces = [shapes[stretches[m].pair][stretches[m].start : stretches[m].stop] for m in members]
         reference = medoid(pieces, seed)
-        length = len(pieces[reference])
-        times = np.concatenate([time_warp(piece, pieces[reference]).of_segment(len(piece)) for piece in pieces])
-        states = np.concatenate([np.arange(int(firsts[m]), int(stops[m])) for m in members])
-        for time in range(length):
-            near = _at_time(times, time)
-            x = _residuals(quats[states[near]], others[states[near]])
-            fitted = fit_gaussian_map(x, seen[states[near]].astype(np.float64), settings.shrinkage)
+        for member, piece in zip(members, pieces, strict=True):
+            times[member] = count + time_warp(piece, pieces[reference]).of_segment(len(piece))
+        count += len(pieces[reference])
+        tell("registering phases", phase + 1, phases)
+    return np.concatenate(times)
+
+
+def _fit_maps(
+    maps: Ints[Array, "states"],
+    phase_of_state: Ints[Array, "states"],
+    quats: Floats[Array, "states joints 4"],
+    others: Floats[Array, "states others"],
+    seen: Floats32[Array, "states columns"],
+    shrinkage: float,
+) -> tuple[Floats[Array, "maps entries columns"], Floats[Array, "maps entries"]]:
+    """The Gaussian map of each phase and warped time."""
+    gains: list[NDArray[np.float64]] = []
+    variances: list[NDArray[np.float64]] = []
+    for phase in range(int(phase_of_state.max()) + 1):
+        states = np.flatnonzero(phase_of_state == phase)
+        times = maps[states]
+        for time in range(len(gains), int(times.max()) + 1):
+            near = states[_at_time(times, time)]
+            fitted = fit_gaussian_map(_residuals(quats[near], others[near]), seen[near].astype(np.float64), shrinkage)
             gains.append(fitted.gain)
             variances.append(fitted.variance)
-        maps[states] = len(gains) - length + times
-        tell("registering phases", phase + 1, phases)
-    return maps, np.stack(gains), np.stack(variances)
+    return np.stack(gains), np.stack(variances)
+
+
+def _noise_scale(signals: Floats[Array, "states channels"], maps: Ints[Array, "states"]) -> Floats[Array, "channels"]:
+    """Standard deviation of each channel about the mean of its phase and warped time.
+
+    What differs at one moment of the cycle tells people and chance apart from the cycle: a channel that follows the
+    cycle closely (of a foot) must count for more than one that each swings in its own way (of a hand).
+    """
+    counts = np.maximum(np.bincount(maps), 1)
+    variances = np.empty(signals.shape[1])
+    for channel, values in enumerate(signals.T):
+        means = np.bincount(maps, values) / counts
+        variances[channel] = ((values - means[maps]) ** 2).mean()
+    return np.maximum(np.sqrt(variances), 1e-6)
 
 
 def _at_time(times: Ints[Array, "states"], time: int) -> Ints[Array, "near"]:
