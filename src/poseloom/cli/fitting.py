@@ -7,6 +7,7 @@ import typer
 
 from poseloom.cli._progress import progress_bars
 from poseloom.cli.calibrating import fit_sizes
+from poseloom.cli.comparing import add_comparators
 from poseloom.cli.flex import add_fit_commands
 from poseloom.cli.flex_sensor import fit_flex_sensor
 
@@ -36,6 +37,7 @@ def register(app: typer.Typer) -> None:
     add_fit_commands(fit)
     fit.command("phase-hmm")(fit_hmm)
     fit.command("phase-hmm-paper")(fit_hmm_of_the_paper)
+    add_comparators(fit)
     fit.callback()(_fit)
     app.add_typer(fit, name="fit")
 

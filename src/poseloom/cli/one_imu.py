@@ -48,7 +48,7 @@ def one_imu(
         list[str] | None,
         typer.Option(
             "--part",
-            help="3, specialists, subject, 10, 2, transitions, phases, dropouts, real or sweep; all but sweep if left out.",
+            help="3, specialists, subject, 10, 2, transitions, phases, dropouts, real or sweep; all but the last.",
         ),
     ] = None,
     method: Annotated[
@@ -68,7 +68,7 @@ def one_imu(
     from poseloom.benchmark.one_imu.plan import METHODS, PARTS, Plan
     from poseloom.benchmark.one_imu.run import run_one_imu
     from poseloom.benchmark.six_trackers.page import write_figures
-    from poseloom.cli.six_trackers import running_commit, recordings_of
+    from poseloom.cli.six_trackers import recordings_of, running_commit
     from poseloom.errors import unknown_name
     from poseloom.evaluation.rows import write_results
     from poseloom.formats.atomic import atomic_file

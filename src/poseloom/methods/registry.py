@@ -12,6 +12,7 @@ from poseloom.library import MotionLibrary
 from poseloom.methods.contract import Reconstructor
 from poseloom.methods.flex.network_method import SHIPPED_MODEL, load_flex_lstm, load_flex_scales
 from poseloom.methods.flex.root import on_its_feet
+from poseloom.methods.imus.baselines.fitting import COMPARATORS, loader
 from poseloom.methods.imus.model_file import read_phase_hmm
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
 from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
@@ -48,6 +49,7 @@ METHODS: Mapping[str, MethodEntry] = MappingProxyType(
         "inverse-kinematics": MethodEntry("the previous pose, bent to the sensors; no library"),
         "phase-hmm": MethodEntry("one to three IMUs: a two-level HMM over signal windows", load=read_phase_hmm),
         "phase-hmm-paper": MethodEntry("the single-IMU paper's model: one sample a state", load=read_phase_hmm),
+        **{name: MethodEntry(each.summary, load=loader(name)) for name, each in COMPARATORS.items()},
         "flex-scales": MethodEntry(
             "four flex sensors: filters over many time scales and a GRU", load=load_flex_scales, shipped=SHIPPED_MODEL
         ),

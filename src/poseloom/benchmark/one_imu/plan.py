@@ -28,8 +28,8 @@ PLACEMENTS = ("right-foot", "right-hand", "right-forearm", "right-shank", "right
 """Of figure 10."""
 
 PARTS = ("3", "specialists", "subject", "10", "2", "transitions", "phases", "dropouts", "real", "sweep")
-"""Table 3 of the joint model and of specialists, and by subject, figure 10, table 2, transitions and changes, phase labels, drop-outs, the real
-walk, and the choice of settings."""
+"""Table 3 of the joint model, of specialists and by subject; figure 10, table 2, transitions and changes, phase labels,
+drop-outs, the real walk, and the choice of settings."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from poseloom.rotations import (
     slerp,
     unwrap_rotvec,
 )
+from poseloom.skeleton.differences import derivative
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.retarget import retarget
 
@@ -71,9 +72,9 @@ def splice(first: Motion, second: Motion, lead: float, tail: float) -> Splice:
 def _looks(motion: Motion) -> Floats[Array, "frames columns"]:
     """Places of joints seen from the hips, their velocities, and the way of the hips, all in metres."""
     places = placed_joints(motion).reshape(len(motion), -1)
-    velocity = np.gradient(places, 1 / motion.rate, axis=0)
+    velocity = derivative(places, motion.rate)
     back = heading_matrix(-headings(motion))
-    way = np.gradient(motion.q[:, :3], 1 / motion.rate, axis=0)
+    way = derivative(motion.q[:, :3], motion.rate)
     speed = np.einsum("fij,fj->fi", back, way)
     return np.concatenate([places, _VELOCITY * velocity, 2 * _VELOCITY * speed], axis=1)
 
@@ -92,7 +93,7 @@ def _moved(q: Floats[Array, "frames dofs"], onto: Floats[Array, "dofs"], at: int
 
 def _faded(first: Floats[Array, "frames dofs"], second: Floats[Array, "frames dofs"]) -> Floats[Array, "frames dofs"]:
     """From one run of poses to another, with Kovar's weights."""
-    where: Floats[Array, " frames"] = np.linspace(0.0, 1.0, len(first) + 2)[1:-1]
+    where = np.arange(1, len(first) + 1, dtype=np.float64) / (len(first) + 1)
     share = 3 * where**2 - 2 * where**3
     root = (1 - share)[:, None] * first[:, :3] + share[:, None] * second[:, :3]
     quats = [quat_from_rotvec(q[:, 3:].reshape(len(q), -1, 3)) for q in (first, second)]

@@ -1,9 +1,10 @@
 """Min and Chai 2012: the primitive, its timing and its coefficients that explain the signals best."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Bools, Floats, Ints
 from poseloom.methods.imus.baselines.driving import Guess, SignalComparator, WindowSettings
@@ -84,9 +85,10 @@ class MotionPrimitives(SignalComparator[PrimitiveSettings]):
 
     def _begin(self, skeleton: Skeleton) -> _Beliefs:
         """Every kind, timing and quarter of its time."""
-        kinds, timings = self._primitives.durations.shape
+        kinds = len(self._primitives.durations)
+        timings = self._primitives.durations.size // kinds
         quarters = np.arange(4) / 4
-        kind = np.repeat(np.arange(kinds), timings * 4)
+        kind = np.arange(kinds * timings * 4) // (timings * 4)
         durations = np.repeat(self._primitives.durations.reshape(-1), 4)
         ages = np.tile(quarters, kinds * timings) * durations
         return self._fresh(kind, durations, ages, self._primitives.first[kind])
@@ -121,8 +123,8 @@ class MotionPrimitives(SignalComparator[PrimitiveSettings]):
         passed = np.full(len(own.first), -np.inf)
         np.logaddexp.at(passed, beliefs.kinds[ended], total[ended])
         arrived = np.logaddexp.reduce(passed[:, None] + own.transitions, axis=0)
-        kinds, timings = own.durations.shape
-        kind = np.repeat(np.arange(kinds), timings)
+        timings = own.durations.size // len(own.durations)
+        kind = np.arange(own.durations.size) // timings
         begun = self._fresh(
             kind, own.durations.reshape(-1), np.zeros(len(kind)), np.repeat(arrived - np.log(timings), timings)
         )
@@ -145,10 +147,11 @@ class MotionPrimitives(SignalComparator[PrimitiveSettings]):
         noise = self.settings.dulling * self._at(own.signal_noise, beliefs)[:, heard]
         crossed = np.einsum("hcm,hgmn->hgcn", maps, beliefs.covariances)
         innovation = np.einsum("hgcn,hdn->hgcd", crossed, maps)
-        channels = np.arange(innovation.shape[-1])
+        channels = np.arange(int(heard.sum()))
         innovation[..., channels, channels] += noise[:, None]
         away = signal[heard] - mean[:, None] - np.einsum("hcm,hgm->hgc", maps, beliefs.centres)
-        solved = np.linalg.solve(innovation, np.concatenate([crossed, away[..., None]], axis=-1))
+        sides = np.concatenate([crossed, away[..., None]], axis=-1)
+        solved = cast(NDArray[np.float64], np.linalg.solve(innovation, sides))
         gained, explained = solved[..., :-1], solved[..., -1]
         fit = np.einsum("hgc,hgc->hg", away, explained) + np.linalg.slogdet(innovation)[1]
         logs = beliefs.logs - 0.5 * fit

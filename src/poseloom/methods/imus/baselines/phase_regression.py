@@ -1,9 +1,10 @@
 """Eom et al. 2014: one sensor, phases by their order in time, and a nonlinear regression onto latent poses in each."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats, Ints
 from poseloom.methods.imus.baselines.driving import Guess, SignalComparator, WindowSettings
@@ -193,7 +194,7 @@ def _fit_phase(
     covariance = apart.T @ apart / len(apart)
     average = float(np.trace(covariance)) / len(covariance)
     covariance = 0.9 * covariance + (0.1 * average + 1e-3) * np.eye(len(covariance))
-    lower = np.linalg.cholesky(covariance)
+    lower = cast(NDArray[np.float64], np.linalg.cholesky(covariance))
     kept = np.linspace(0, len(places) - 1, min(len(places), settings.examples)).astype(np.int64)
     chosen, wanted = places[kept], targets[kept]
     offset = wanted.mean(axis=0)
@@ -201,13 +202,14 @@ def _fit_phase(
     median = float(np.median(squares[np.triu_indices(len(chosen), 1)])) if len(chosen) > 1 else 1.0
     width = settings.width * np.sqrt(max(median, 1e-6))
     kernel = np.exp(-0.5 * squares / width**2)
-    weights = np.linalg.solve(kernel + settings.ridge * np.eye(len(kernel)), wanted - offset)
+    system = kernel + settings.ridge * np.eye(len(kernel))
+    inverse = cast(NDArray[np.float64], np.linalg.inv(system))
+    weights = inverse @ (wanted - offset)
     # Leaving each out in turn (Rasmussen and Williams, eq. 5.12) tells what the regression leaves of unseen ones.
-    inverse: Floats[Array, examples] = np.linalg.inv(kernel + settings.ridge * np.eye(len(kernel))).diagonal()
-    left = weights / inverse[:, None]
+    left = weights / np.diag(inverse)[:, None]
     return _Phase(
         mean,
-        np.linalg.inv(lower),
+        cast(NDArray[np.float64], np.linalg.inv(lower)),
         -float(np.log(np.diag(lower)).sum()),
         chosen,
         width,

@@ -87,9 +87,14 @@ def fit_primitives(examples: Examples, samples: int, coefficients: int, mixture:
         [np.quantile(segments.lengths[segments.kinds == kind], _QUANTILES) for kind in range(segments.count)]
     )
     counts = np.bincount(segments.kinds, minlength=segments.count).astype(np.float64)
-    columns = [np.stack(column) for column in zip(*kinds, strict=True)]
+    columns = {name: np.stack([getattr(kind, name) for kind in kinds]) for name in _Kind._fields}
     return Primitives(
-        mean, directions, *columns, np.maximum(durations, 2.0), _following(segments), np.log(counts / counts.sum())
+        mean=mean,
+        directions=directions,
+        durations=np.maximum(durations, 2.0),
+        transitions=_following(segments),
+        first=np.log(counts / counts.sum()),
+        **columns,
     )
 
 

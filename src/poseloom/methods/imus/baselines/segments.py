@@ -108,7 +108,7 @@ def _cut(standing: Bools[Array, "frames 2"], start: int, rate: float) -> list[Se
 def _events(standing: Bools[Array, "frames 2"]) -> list[tuple[int, str]]:
     """Frames at which a foot strikes the floor, or both have left it, in order of time."""
     change = np.diff(standing.astype(np.int8), axis=0)
-    aloft = ~standing.any(axis=1)
+    aloft = np.asarray(~standing[:, 0] & ~standing[:, 1])
     found: list[tuple[int, str]] = []
     for frame in range(1, len(standing)):
         left, right = change[frame - 1]
