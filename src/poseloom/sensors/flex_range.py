@@ -48,7 +48,7 @@ class FlexRange:
 
     A leap that no joint's acceleration explains is doubted for a moment. If the readings go on as before but at another
     level, or outside all that was known, another sensor is worn (or this one has slipped), and its range is learnt
-    afresh; if they come back, it was a glitch.
+    afresh; if they come back, it was a glitch. Channels whose readings have kinks all the time must step further.
 
     Attributes:
         typical_span: Counts between a straight and a fully bent joint, for a usual sensor on this board.
@@ -97,7 +97,7 @@ class FlexRange:
             if not math.isfinite(value) or value < 0 or (value == 0 and each.name != "least"):
                 raise SensorError(f"the flex range's {each.name} is {value}", remedy="Give a positive, finite number")
         columns = np.full((channels, kernels.COLUMNS), np.nan)
-        columns[:, [kernels.ODD_SAMPLES, kernels.STEP, kernels.RUN_LENGTH]] = 0.0
+        columns[:, [kernels.ODD_SAMPLES, kernels.STEP, kernels.KINK, kernels.RUN_LENGTH]] = 0.0
         columns[:, kernels.MEAN_RUN] = 2.0
         return FlexRangeState(columns)
 

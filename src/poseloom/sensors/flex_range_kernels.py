@@ -15,9 +15,9 @@ DOUBT, BELIEVE, NEW = 0, 1, 2
 
 # Columns of a channel's state. "Odd" readings are those that no joint's motion explains.
 LOW, HIGH, VALUE, BEFORE, TIME, SPEED, BORN, ODD_SAMPLES, ODD_SINCE, ODD_VALUE = range(10)
-STEP, STEP_SINCE, STEP_LOW, RAW, RAW_TIME, RAW_2, RAW_TIME_2, RAW_3, RAW_TIME_3 = range(10, 19)
-RUN_VALUE, RUN_LENGTH, RUN_SINCE, MEAN_RUN, HEARD = range(19, 24)
-COLUMNS = 24
+STEP, STEP_SINCE, STEP_LOW, KINK, RAW, RAW_TIME, RAW_2, RAW_TIME_2, RAW_3, RAW_TIME_3 = range(10, 20)
+RUN_VALUE, RUN_LENGTH, RUN_SINCE, MEAN_RUN, HEARD = range(20, 25)
+COLUMNS = 25
 
 # Columns of the settings, in the order of `FlexRange`'s attributes.
 TYPICAL, LEAST, MOST, LEAP, ACCELERATION, STRIDE, JERK, BEYOND = range(8)
@@ -25,6 +25,15 @@ ODD_SECONDS, NEW_SECONDS, STUCK_SECONDS, STUCK_RUNS, LEAK_LEAST, LEAK_MOST, HIGH
 
 _LONGEST_STEP = 0.2
 """Seconds: what a longer gap hides teaches nothing."""
+
+_KINK_SECONDS = 60.0
+"""Seconds after which a kink is two thirds forgotten."""
+
+_KINKS = 2.0
+"""How many times larger than the kinks of the last minute a step must be."""
+
+_LARGEST_KINK = 0.15
+"""Share of the span above which a kink counts no more: a glitch must not hide a replaced sensor for minutes."""
 
 _INWARDS = 0.1
 """Share of the span that pulls the ends inwards at most."""
@@ -51,7 +60,8 @@ def _step_between(
     """Whether the readings went on at another level some time ago, and stayed there.
 
     Between the last reading but one and the last there is a step as far as no speed between those before and after
-    leads from one to the other. Of smooth motion only the jerk remains in that difference.
+    leads from one to the other. Of smooth motion only the jerk remains in that difference. A channel whose readings
+    have kinks all the time must make a far larger step to be noticed; a step that another follows soon is none.
     """
     before, middle, after = (
         state[RAW_TIME_2] - state[RAW_TIME_3],
@@ -62,20 +72,21 @@ def _step_between(
         earlier, later = (state[RAW_2] - state[RAW_3]) / before, (count - state[RAW]) / after
         speed = (state[RAW] - state[RAW_2]) / middle
         step = (speed - min(max(speed, min(earlier, later)), max(earlier, later))) * middle
-        if abs(step) > span * (settings[STRIDE] + settings[JERK] * middle * middle * middle):
-            if state[STEP] == 0.0:
-                state[STEP_SINCE] = now
-                state[STEP_LOW] = state[LOW]
-            state[STEP] += step
+        state[KINK] *= math.exp(-middle / _KINK_SECONDS)
+        usual = span * (settings[STRIDE] + settings[JERK] * middle * middle * middle)
+        if state[STEP] != 0.0 and abs(step) > 0.5 * abs(state[STEP]):
+            state[KINK] = max(state[KINK], min(abs(state[STEP]), _LARGEST_KINK * span))
+            state[STEP] = 0.0
+        elif state[STEP] == 0.0 and abs(step) > max(usual, _KINKS * state[KINK]):
+            state[STEP] = step
+            state[STEP_SINCE] = now
+            state[STEP_LOW] = state[LOW]
+        else:
+            state[KINK] = max(state[KINK], min(abs(step), _LARGEST_KINK * span))
     state[RAW_3], state[RAW_TIME_3] = state[RAW_2], state[RAW_TIME_2]
     state[RAW_2], state[RAW_TIME_2] = state[RAW], state[RAW_TIME]
     state[RAW], state[RAW_TIME] = count, now
-    if state[STEP] == 0.0 or now - state[STEP_SINCE] < settings[NEW_SECONDS]:
-        return False
-    stayed = abs(state[STEP]) > span * settings[STRIDE]
-    if not stayed:
-        state[STEP] = 0.0
-    return stayed
+    return state[STEP] != 0.0 and now - state[STEP_SINCE] >= settings[NEW_SECONDS]
 
 
 @compiled
