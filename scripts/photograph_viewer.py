@@ -90,7 +90,7 @@ def photograph_session(shots: list[Shot], folder: Path) -> None:
     motion = make_motion(dance.skeleton, np.concatenate([dance.q, dance.q[::-1]]), dance.rate, "dance_a")
     recording = simulate_trackers(motion, layout("six-trackers"), seed=2)
     library = built_library(folder)
-    viewer = SessionViewer(port=0)
+    viewer = SessionViewer(port=0, frame_rate=4.0)  # the browser draws without a graphics card
     plan = SessionPlan(
         sources=(ReplaySource(recording, "simulated trackers", loop=True),),
         layout=recording.layout,
@@ -158,6 +158,7 @@ def opened_page(playwright: Playwright, profile: Path, url: str, size: tuple[int
         viewport={"width": size[0], "height": size[1]},
     )
     page = browser.pages[0]
+    page.set_default_timeout(120_000)
     page.goto(url)
     page.get_by_role("button", name=button).first.wait_for()
     page.locator("#webgl-software-rendering button").click()

@@ -68,7 +68,7 @@ def _motion(content: dict[str, Any], blob: bytes, name: str) -> Motion:
     joints: list[dict[str, Any]] = [node for node in content["nodes"] if "mesh" not in node]
     skeleton = _skeleton(joints)
     animation = content["animations"][0]
-    times: Floats[Array, frames] | None = None
+    times: NDArray[np.float64] | None = None
     quats = [_still(node) for node in joints]
     places: dict[int, NDArray[np.float64]] = {}
     for channel in animation["channels"]:
@@ -81,18 +81,18 @@ def _motion(content: dict[str, Any], blob: bytes, name: str) -> Motion:
             places[joint] = moved
     if times is None:
         raise ValueError("nothing moves")
-    frames = len(times)
-    turns = np.stack([np.broadcast_to(quat, (frames, 4)) for quat in quats], axis=1)
+    count = len(times)
+    turns = np.stack([np.broadcast_to(quat, (count, 4)) for quat in quats], axis=1)
     turns = turns / np.linalg.norm(turns, axis=-1, keepdims=True)
     rotvecs = unwrap_rotvec(rotvec_from_quat(turns))
-    q = np.concatenate([places[0], rotvecs.reshape(frames, -1)], axis=1)
+    q = np.concatenate([places[0], rotvecs.reshape(count, -1)], axis=1)
     displacements = None
     if len(places) > 1:
-        displacements = np.zeros((frames, len(joints), 3))
+        displacements = np.zeros((count, len(joints), 3))
         for joint, moved in places.items():
             if joint > 0:
                 displacements[:, joint] = moved - skeleton.offsets[joint]
-    rate = (frames - 1) / float(times[-1] - times[0]) if frames > 1 else _RATE_OF_ONE_FRAME
+    rate = (count - 1) / float(times[-1] - times[0]) if count > 1 else _RATE_OF_ONE_FRAME
     # Times are kept as 32-bit numbers: a rate that is off by that little is the round one.
     return make_motion(skeleton, q, round(rate, 3), name, displacements)
 
