@@ -108,7 +108,7 @@ def plan_of(source: Source, *sinks: Any, method: str = "inverse-kinematics", **m
         make=lambda name: make_method(name, worn),
         sinks=tuple(sinks),
         # No sample is passed over, however slow the machine is on which this runs, unless a test wants it.
-        **{"capacity": 10_000, "thin": False, **more},
+        **{"capacity": 10_000, "patience": 1e9, "thin": False, **more},
     )
 
 

@@ -139,7 +139,7 @@ class Session:
         warm_up(engine, plan.layout)
         self._facts = replace(self._facts, delay=engine.method.delay)
         self._engine = engine
-        self._worker = MethodWorker(engine, self._deliver, self._method_failed, plan.capacity)
+        self._worker = MethodWorker(engine, self._deliver, self._method_failed, plan.capacity, plan.patience)
         self._end = asyncio.Event()
         opened: list[Outlet] = []
         began = time.monotonic()

@@ -31,6 +31,7 @@ class SessionPlan:
         settings: How the session was set up, for the recording.
         seconds: When to end; None: when the sources do, or on demand.
         capacity: Samples that may wait for the method.
+        patience: Seconds for which one may wait if a newer one waits, too.
         thin: Whether samples beyond the layout's rate are left out; not where a recording is played faster.
     """
 
@@ -48,6 +49,7 @@ class SessionPlan:
     settings: Mapping[str, str] = field(default_factory=dict[str, str])
     seconds: float | None = None
     capacity: int = 8
+    patience: float = 0.05
     thin: bool = True
 
 

@@ -79,6 +79,8 @@ class MethodWorker:
         deliver: Called from the thread with each step.
         failed: Called from the thread with what went wrong; the method has then begun anew.
         capacity: Samples that may wait; when one more comes, the oldest is dropped.
+        patience: Seconds after its arrival from which a sample is passed over if a newer one waits: a burst is heard
+            in full, but a machine that is too slow for all samples does not fall behind by the whole queue.
     """
 
     def __init__(
@@ -87,13 +89,14 @@ class MethodWorker:
         deliver: Callable[[Worked], None],
         failed: Callable[[int, Exception], None],
         capacity: int = 8,
+        patience: float = 0.05,
     ) -> None:
         self.dropped = 0
         self.steps = 0
         self._engine = engine
         self._state = engine.method.start(engine.skeleton, engine.placements)
         self._deliver, self._failed = deliver, failed
-        self._capacity = capacity
+        self._capacity, self._patience = capacity, patience
         self._waiting: deque[_Heard | _Restart | None] = deque()
         self._samples = 0
         self._change = threading.Condition()
@@ -145,11 +148,16 @@ class MethodWorker:
 
     def _next(self) -> _Heard | _Restart | None:
         with self._change:
-            while not self._waiting:
-                self._change.wait()
-            item = self._waiting.popleft()
-            self._samples -= isinstance(item, _Heard)
-            return item
+            while True:
+                while not self._waiting:
+                    self._change.wait()
+                item = self._waiting.popleft()
+                if not isinstance(item, _Heard):
+                    return item
+                self._samples -= 1
+                if not self._samples or time.monotonic() - item.sample.arrival <= self._patience:
+                    return item
+                self.dropped += 1
 
     def _begin(self) -> None:
         self._state = self._engine.method.start(self._engine.skeleton, self._engine.placements)
