@@ -700,3 +700,26 @@ def test_the_command_tells_what_cannot_be_shown(capsys: pytest.CaptureFixture[st
     assert "needs a recording" in capsys.readouterr().err
     assert run(["view", "sample:walk", "--bind", "203.0.113.5"]) == 2
     assert "cannot listen" in capsys.readouterr().err
+
+
+def test_a_page_that_changes_its_shape_is_framed_anew_unless_the_camera_was_moved(scene: viser.ViserServer):
+    stage, client = Stage(scene), visitor()
+    camera = client.camera
+    camera.position = np.array([3.0, 3.0, 3.0])
+    stage._welcome(client)
+    first = camera.position
+    # The panel takes its place before the camera has come to where it was sent.
+    camera.position, camera.image_width = np.array([3.0, 3.0, 3.0]), 956
+    stage._looked(client)
+    np.testing.assert_allclose(camera.position, framing(956, 800).position)
+    stage._looked(client)
+    camera.image_width, camera.image_height = 390, 844
+    stage._looked(client)
+    np.testing.assert_allclose(camera.position, framing(390, 844).position)
+    assert not np.allclose(camera.position, first)
+    stage._looked(client)
+    camera.position = moved = np.array([0.0, 5.0, 0.1])
+    stage._looked(client)
+    camera.image_width, camera.image_height = 844, 390
+    stage._looked(client)
+    np.testing.assert_array_equal(camera.position, moved)

@@ -24,8 +24,8 @@ _PHONE_SHAPE = 1.25
 """Height by width from which on a narrow picture is a phone's."""
 _PHONE_SHARE = 0.52
 """Share of a phone's height, from the top, that the panel leaves to the figures."""
-_DIRECTION = np.array([0.42, 0.16, 1.0]) / np.linalg.norm([0.42, 0.16, 1.0])
-"""From the figure to the camera: from the front, a little from its left and from above."""
+_ASIDE, _ABOVE = 0.42, 0.16
+"""How far the camera stands to the figure's left, and above it, for each metre before it."""
 _UNMOVED = 0.02
 """Metres up to which a camera stands where it was put."""
 _FOLLOW_SLACK = 0.25
@@ -46,10 +46,11 @@ class View:
 
 
 class _Framed(NamedTuple):
-    """How a visitor's camera was placed, and for a picture of which size."""
+    """How a visitor's camera was placed, for a picture of which size, and whether it has been seen there since."""
 
     size: tuple[int, int]
     view: View
+    arrived: bool = False
 
 
 def framing(width: int, height: int, figures: int = 1, spacing: float = 0.0) -> View:
@@ -72,7 +73,9 @@ def framing(width: int, height: int, figures: int = 1, spacing: float = 0.0) -> 
     # The camera looks at the picture's middle, which on a phone lies below the figures' own middle.
     shift = 2 * half * distance * (0.5 - share / 2)
     look_at = np.array([0.0, _MIDDLE - shift, 0.0])
-    return View(look_at + distance * _DIRECTION, look_at)
+    # Several are seen more from the front, lest the nearest be much the largest.
+    direction = np.array([_ASIDE / figures**2, _ABOVE, 1.0])
+    return View(look_at + distance * direction / np.linalg.norm(direction), look_at)
 
 
 class Stage:
@@ -127,12 +130,15 @@ class Stage:
     def _looked(self, client: viser.ClientHandle) -> None:
         """Frames the figures anew when the window has changed its shape, unless the person has moved the camera."""
         camera, framed = client.camera, self._framed.get(client.client_id)
-        if framed is None or framed.size == (camera.image_width, camera.image_height):
+        if framed is None:
             return
-        if np.linalg.norm(camera.position - framed.view.position) < _UNMOVED:
+        size = (camera.image_width, camera.image_height)
+        unmoved = bool(np.linalg.norm(camera.position - framed.view.position) < _UNMOVED)
+        # A page takes its shape while it is told where its camera stands: not to be there yet is not to have moved.
+        if size != framed.size and (unmoved or not framed.arrived):
             self.frame_client(client)
         else:
-            self._framed[client.client_id] = _Framed((camera.image_width, camera.image_height), framed.view)
+            self._framed[client.client_id] = _Framed(size, framed.view, framed.arrived or unmoved)
 
     def shadows(self, on: bool) -> None:
         """Draws shadows or leaves them out."""
