@@ -128,7 +128,7 @@ class Counters:
         stale: Of these, those that came twice, late or out of order and were dropped.
         samples: Samples that were put together.
         superseded: Samples beyond the session's rate, left out in favour of newer ones.
-        lost: Packets that the system dropped before they were read, because too many came at once.
+        lost: Packets that were dropped before they were read, because too many came at once.
         filled: Of the samples, those without any reading, made so that the figure goes on while all is silent.
         dropped: Samples that the method did not hear because newer ones were waiting (they are recorded nevertheless).
         frames: Poses that were made.

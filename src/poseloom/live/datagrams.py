@@ -13,6 +13,10 @@ _LARGEST = 1 << 16
 _AT_ONCE = 64
 """Datagrams read before other work of the loop has its turn: a flood must not starve it."""
 
+_TOO_OLD = 0.5
+"""Seconds that a datagram may have waited to be read. A flood fills the system's buffer with as much as takes seconds to
+read; what is of now must not wait behind it."""
+
 # Numbers of Linux; where the system does not know them, arrival is the moment of reading and no loss is told.
 _TIMESTAMPS = getattr(socket, "SO_TIMESTAMPNS", 35)
 _OVERFLOWS = getattr(socket, "SO_RXQ_OVFL", 40)
@@ -28,7 +32,7 @@ class DatagramPort:
         host: The address to bind to; the loopback unless a person asks otherwise.
         port: The port; 0 lets the system choose.
         hear: Called for each datagram.
-        lost: Called with how many datagrams the system dropped because its buffer was full.
+        lost: Called with how many datagrams the system dropped because its buffer was full, or waited too long in it.
     """
 
     def __init__(self, host: str, port: int, hear: HearDatagram, lost: Callable[[int], None]) -> None:
@@ -59,7 +63,11 @@ class DatagramPort:
                 return
             except OSError:
                 return  # an earlier answer could not be delivered; what comes next is not touched by it
-            self._hear(data, self._arrival(extra), f"{sender[0]}:{sender[1]}")
+            arrival = self._arrival(extra)
+            if time.monotonic() - arrival > _TOO_OLD:
+                self._lost(1)
+            else:
+                self._hear(data, arrival, f"{sender[0]}:{sender[1]}")
 
     def _arrival(self, extra: list[tuple[int, int, bytes]]) -> float:
         now = time.monotonic()

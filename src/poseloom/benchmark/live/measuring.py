@@ -126,7 +126,7 @@ class Notebook:
     """A sink that keeps what a judge of the session needs, and no more.
 
     Attributes:
-        times: Arrival of each update's sample, host's seconds.
+        times: Of each update's sample, session seconds.
         poses: Pose vectors.
         states: Health, in words.
     """
@@ -148,7 +148,7 @@ class Notebook:
     def show(self, update: Update) -> None:
         """See `Sink`."""
         if update.frame is not None:
-            self.times.append(update.sample.arrival)
+            self.times.append(update.sample.time)
             self.poses.append(update.frame.pose.q)
             self.states.append(update.frame.health.state.value)
 
