@@ -14,8 +14,8 @@ _AT_ONCE = 64
 """Datagrams read before other work of the loop has its turn: a flood must not starve it."""
 
 _TOO_OLD = 0.5
-"""Seconds that a datagram may have waited to be read. A flood fills the system's buffer with what takes seconds to read;
-what is of now must not wait behind it."""
+"""Seconds that a datagram may have waited to be read. A flood fills the system's buffer with what takes seconds to
+read; what is of now must not wait behind it."""
 
 # Numbers of Linux; where the system does not know them, arrival is the moment of reading and no loss is told.
 _TIMESTAMPS = getattr(socket, "SO_TIMESTAMPNS", 35)
