@@ -10,11 +10,11 @@ import pytest
 
 from poseloom.cli._app import run
 from poseloom.errors import FormatError
-from poseloom.formats.bend_tables import BendTable, read_bend_tables
+from poseloom.formats.bend_tables import BendTable, read_bend_tables, read_displaced_tables
 from poseloom.synthesis import FlexSensors, Spread
 from poseloom.synthesis.flex_figures import sensors_from_json, sensors_to_json, spread_of
 from poseloom.synthesis.flex_fit import Shape, curve, fit_channel, own_residuals
-from poseloom.synthesis.flex_study import study_flex_sensors
+from poseloom.synthesis.flex_study import displacement_figures, study_flex_sensors
 
 RATE = 50.0
 
@@ -159,6 +159,26 @@ def test_tables_that_are_none_are_told_apart(tmp_path: Path) -> None:
     path.write_text("\n".join(lines))
     with pytest.raises(FormatError, match=":41"):
         read_bend_tables(tmp_path)
+
+
+def test_what_a_shift_on_the_joint_costs(tmp_path: Path) -> None:
+    bent = np.round(np.degrees(bends(20.0, 1)), 3)
+    rows = ["angle,r1,r2,r3,circular,lateral"]
+    for lateral in (-1, 0, 1, 2):
+        reaction = 1.5 * 0.9**lateral
+        rows += [
+            f"{180 - b},{700 + reaction * b},{650 + 2 * reaction * b},{600 + reaction * b},5,{lateral}" for b in bent
+        ]
+    (tmp_path / "displacement.csv").write_text("\n".join(rows))
+    displaced = read_displaced_tables(tmp_path)
+    assert sorted(displaced) == [(5.0, -1.0), (5.0, 0.0), (5.0, 1.0), (5.0, 2.0)]
+    (lost,) = displacement_figures(displaced).values()
+    assert lost == pytest.approx(0.1, abs=1e-3)
+    assert read_displaced_tables(tmp_path / "elsewhere") == {}
+    assert displacement_figures({}) == {}
+    (tmp_path / "displacement.csv").write_text("angle,r1\n1,2\n")
+    with pytest.raises(FormatError, match="circular"):
+        read_displaced_tables(tmp_path)
 
 
 def test_real_sensors_fit(recordings: Path) -> None:

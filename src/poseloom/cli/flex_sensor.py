@@ -61,12 +61,12 @@ def fit_flex_sensor(
     from rich.console import Console
 
     from poseloom.formats.atomic import atomic_file
-    from poseloom.formats.bend_tables import read_bend_tables
+    from poseloom.formats.bend_tables import read_bend_tables, read_displaced_tables
     from poseloom.synthesis.flex_figures import sensors_to_json
     from poseloom.synthesis.flex_study import provenance, study_flex_sensors
 
     tables = read_bend_tables(data, rate)
-    study = study_flex_sensors(tables)
+    study = study_flex_sensors(tables, read_displaced_tables(data, rate))
     facts = provenance(study, tables, source)
     with atomic_file(output) as part:
         part.write_text(sensors_to_json(study.sensors, study.fitted, facts), encoding="utf-8")

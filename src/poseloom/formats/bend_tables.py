@@ -11,6 +11,8 @@ from poseloom.errors import FormatError
 from poseloom.formats._files import decode, read_bytes
 
 _ANGLE = "angle"
+_DISPLACED = "displacement.csv"
+_PLACE = ("circular", "lateral")
 _LEAST_ROWS = 500
 """Rows below which nothing can be said of a sensor."""
 
@@ -60,6 +62,41 @@ def read_bend_tables(folder: Path, rate: float = 50.0) -> list[BendTable]:
     return tables
 
 
+def read_displaced_tables(folder: Path, rate: float = 50.0) -> dict[tuple[float, float], BendTable]:
+    """Recordings with the sensors shifted on the joint, by how far: round the limb (degrees) and along it (steps).
+
+    Args:
+        folder: May hold `displacement.csv`, with the columns of other tables and `circular` and `lateral`.
+        rate: Rows a second.
+
+    Returns:
+        Nothing if there is no such file.
+
+    Raises:
+        FormatError: if it is not such a table.
+    """
+    path = folder / _DISPLACED
+    if not path.is_file():
+        return {}
+    lines = decode(read_bytes(path)).splitlines()
+    header = [name.strip() for name in lines[0].split(",")]
+    channels = [name for name in header if name[:1] == "r" and name[1:].isdigit()]
+    lacking = [name for name in (*_PLACE, _ANGLE) if name not in header]
+    if lacking or not channels:
+        raise FormatError(
+            f"no column {', '.join(lacking) or 'r1'}", remedy="Give r1, r2 ..., angle, circular and lateral", file=path
+        )
+    values = _numbers(path, lines, header, [*channels, _ANGLE, *_PLACE])
+    bends = np.radians(np.clip(180.0 - values[:, -3], 0.0, 180.0))
+    tables: dict[tuple[float, float], BendTable] = {}
+    for place in np.unique(values[:, -2:], axis=0):
+        rows = (values[:, -2:] == place).all(axis=1)
+        key = (float(place[0]), float(place[1]))
+        counts = np.ascontiguousarray(values[rows, : len(channels)])
+        tables[key] = BendTable(path.stem, path.stem, rate, tuple(channels), bends[rows], counts)
+    return tables
+
+
 def _read(path: Path, rate: float) -> BendTable | None:
     lines = decode(read_bytes(path)).splitlines()
     header = [name.strip() for name in lines[0].split(",")]
@@ -67,7 +104,18 @@ def _read(path: Path, rate: float) -> BendTable | None:
     person, _, number = path.stem.rpartition("_")
     if _ANGLE not in header or not channels or not person or not number.isdigit():
         return None
-    wanted = [header.index(name) for name in (*channels, _ANGLE)]
+    values = _numbers(path, lines, header, [*channels, _ANGLE])
+    if len(values) < _LEAST_ROWS:
+        raise FormatError(
+            f"the table has {len(values)} rows", remedy=f"Give at least {_LEAST_ROWS}, or remove the file", file=path
+        )
+    bends = np.radians(np.clip(180.0 - values[:, -1], 0.0, 180.0))
+    return BendTable(path.stem, person, rate, tuple(channels), bends, np.ascontiguousarray(values[:, :-1]))
+
+
+def _numbers(path: Path, lines: list[str], header: list[str], names: list[str]) -> Floats[Array, "rows columns"]:
+    """The columns of these names, as finite numbers."""
+    wanted = [header.index(name) for name in names]
     rows: list[list[float]] = []
     for at, line in enumerate(lines[1:], start=2):
         if not line.strip():
@@ -82,10 +130,4 @@ def _read(path: Path, rate: float) -> BendTable | None:
                 f"this line does not hold {len(header)} numbers", remedy="Mend or remove it", file=path, line=at
             )
         rows.append(row)
-    if len(rows) < _LEAST_ROWS:
-        raise FormatError(
-            f"the table has {len(rows)} rows", remedy=f"Give at least {_LEAST_ROWS}, or remove the file", file=path
-        )
-    values = np.array(rows)
-    bends = np.radians(np.clip(180.0 - values[:, -1], 0.0, 180.0))
-    return BendTable(path.stem, person, rate, tuple(channels), bends, np.ascontiguousarray(values[:, :-1]))
+    return np.array(rows).reshape(-1, len(wanted))

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -85,9 +86,15 @@ class FlexStudy:
         return {f"held back, median {name}": float(np.median(values)) for name, values in told.items() if values}
 
 
-def study_flex_sensors(tables: Sequence[BendTable]) -> FlexStudy:
+def study_flex_sensors(
+    tables: Sequence[BendTable], displaced: Mapping[tuple[float, float], BendTable] = MappingProxyType({})
+) -> FlexStudy:
     """Fits every sensor of every recording, makes the figures of all but the last recording of each person, and judges
     them on that.
+
+    Args:
+        tables: The recordings.
+        displaced: Recordings with the sensors shifted on the joint, by how far (`read_displaced_tables`).
 
     Raises:
         FormatError: if no person has two recordings, or no sensor conducts.
@@ -107,7 +114,7 @@ def study_flex_sensors(tables: Sequence[BendTable]) -> FlexStudy:
     slips = [(fit, by_name[fit.table]) for fit in own if fit.table not in held_back]
     if not learnt:
         raise FormatError("no sensor's contact conducts", remedy="Give recordings of sound sensors")
-    measured = _measured(tables, learnt, own)
+    measured = _measured(tables, learnt, own) | displacement_figures(displaced)
     figures = {**fitted_figures(learnt, slips), **_loose(measured)}
     sensors = replace(FlexSensors(), **figures)
     check_sensors(sensors)
@@ -234,3 +241,28 @@ def _beside_drawn(tables: Sequence[BendTable], own: Sequence[ChannelFit], sensor
         "held back, residual of one sensor's own, share of the reach": float(np.median(real)) if real else 0.0,
         "the same of drawn sensors": float(np.median(drawn)) if drawn else 0.0,
     }
+
+
+def displacement_figures(displaced: Mapping[tuple[float, float], BendTable]) -> dict[str, float]:
+    """How much less a sensor reacts for each step that it slid along the limb; nothing where that was not recorded.
+
+    For each place round the limb the three sensors that react most: the slope of the logarithm of the range, of a
+    straight line, over the steps along the limb.
+    """
+    slopes: list[float] = []
+    for circular in {place[0] for place in displaced}:
+        laterals = sorted(place[1] for place in displaced if place[0] == circular)
+        if len(laterals) < 3:
+            continue
+        tables = [displaced[circular, lateral] for lateral in laterals]
+        ranges = np.array([[_straight_range(table, at) for at in range(len(table.channels))] for table in tables])
+        strongest = np.argsort(-np.median(ranges, axis=0))[:3]
+        logs = np.log(np.maximum(ranges[:, strongest], 1.0))
+        slopes += [float(each) for each in np.polyfit(np.array(laterals), logs, 1)[0]]
+    return {"reaction lost by a step along the limb, share": 1 - float(np.exp(np.median(slopes)))} if slopes else {}
+
+
+def _straight_range(table: BendTable, channel: int) -> float:
+    counts = table.counts[:, channel]
+    shares = table.bends / FULL_BEND
+    return fit_scale(shares, counts, np.zeros_like(shares), drifting=False).range
