@@ -49,6 +49,7 @@ from poseloom.live.source_replay import ReplaySource
 from poseloom.live.source_serial import SerialSource
 from poseloom.live.sources_network import DatagramSource, VmcSource
 from poseloom.live.virtual import virtual_recording
+from poseloom.live.worker import Engine, Heard, MethodWorker
 from poseloom.methods import make_method
 from poseloom.methods.contract import Frame, Health, Reconstructor
 from poseloom.rotations import matrix_from_rotvec
@@ -220,6 +221,20 @@ def test_a_method_that_fails_begins_anew(walk: Recording, tmp_path: Path):
     session = read_session(path)
     again = resolve(session, Fragile())
     assert again.identical == again.compared == len(session.steps) >= 50
+
+
+@pytest.mark.parametrize(("age", "heard", "dropped"), [(0.0, 2, 2), (100.0, 5, 5)])
+def test_a_burst_is_heard_and_what_has_waited_long_is_passed_over(
+    walk: Recording, age: float, heard: int, dropped: int
+):
+    """Six samples for a queue of four: the oldest two go; of those that waited too long all but the newest."""
+    engine = Engine("x", make_method("inverse-kinematics", SIX), BODY, default_placements(SIX, BODY))
+    worker = MethodWorker(engine, lambda worked: None, lambda number, error: None, capacity=4, patience=10.0)
+    for number in range(6):
+        worker.hear(number, replace(walk.sample(number), arrival=time.monotonic() - age))
+    first = worker._next()
+    assert isinstance(first, Heard)
+    assert (first.number, worker.dropped) == (heard, dropped)
 
 
 def test_the_figure_goes_on_while_all_is_silent_and_rejoins(walk: Recording, tmp_path: Path):

@@ -60,7 +60,14 @@ class Worked:
 
 
 @dataclass(frozen=True, eq=False)
-class _Heard:
+class Heard:
+    """A sample that waits.
+
+    Attributes:
+        number: Its number.
+        sample: The sample as it came.
+    """
+
     number: int
     sample: Sample
 
@@ -97,7 +104,7 @@ class MethodWorker:
         self._state = engine.method.start(engine.skeleton, engine.placements)
         self._deliver, self._failed = deliver, failed
         self._capacity, self._patience = capacity, patience
-        self._waiting: deque[_Heard | _Restart | None] = deque()
+        self._waiting: deque[Heard | _Restart | None] = deque()
         self._samples = 0
         self._change = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="method", daemon=True)
@@ -110,11 +117,11 @@ class MethodWorker:
         """Passes on a sample."""
         with self._change:
             if self._samples >= self._capacity:
-                oldest = next(i for i, each in enumerate(self._waiting) if isinstance(each, _Heard))
+                oldest = next(i for i, each in enumerate(self._waiting) if isinstance(each, Heard))
                 del self._waiting[oldest]
                 self._samples -= 1
                 self.dropped += 1
-            self._waiting.append(_Heard(number, sample))
+            self._waiting.append(Heard(number, sample))
             self._samples += 1
             self._change.notify()
 
@@ -146,13 +153,13 @@ class MethodWorker:
             else:
                 self._step(item)
 
-    def _next(self) -> _Heard | _Restart | None:
+    def _next(self) -> Heard | _Restart | None:
         with self._change:
             while True:
                 while not self._waiting:
                     self._change.wait()
                 item = self._waiting.popleft()
-                if not isinstance(item, _Heard):
+                if not isinstance(item, Heard):
                     return item
                 self._samples -= 1
                 if not self._samples or time.monotonic() - item.sample.arrival <= self._patience:
@@ -162,7 +169,7 @@ class MethodWorker:
     def _begin(self) -> None:
         self._state = self._engine.method.start(self._engine.skeleton, self._engine.placements)
 
-    def _step(self, heard: _Heard) -> None:
+    def _step(self, heard: Heard) -> None:
         begun = time.monotonic()
         try:
             sample = aligned(heard.sample, self._engine.alignment)
