@@ -477,6 +477,17 @@ def test_a_model_runs_live_as_it_was_trained(fitted: Fitted, sessions: Sequence[
     told = reconstruct(method, recording).motion.q[:, angle_columns()]
     heard = hear(np.array(recording.counts), recording.layout.rate, FlexRange())
     np.testing.assert_allclose(told, median(fitted.tell(heard)), atol=1e-5)
+    # A run that goes on from a kept state says what the whole run said.
+    state = method.start(recording.skeleton, recording.placements)
+    for index in range(60):
+        state, _ = method.step(state, recording.sample(index))
+    kept, rest = state, []
+    for index in range(60, len(recording)):
+        state, frame = method.step(state, recording.sample(index))
+        rest.append(frame.pose.q[angle_columns()])
+    np.testing.assert_array_equal(rest, told[60:])
+    _, frame = method.step(kept, recording.sample(60))
+    np.testing.assert_array_equal(frame.pose.q[angle_columns()], told[60])
     with pytest.raises(FormatError, match="for the method"):
         load_flex_model(tmp_path / "model.npz", "flex-scales")
 
