@@ -189,6 +189,9 @@ class Session:
     async def _tick(self) -> None:
         while True:
             await asyncio.sleep(_TICK)
+            # Twice round the loop: what waits to be read is read before anybody says that nothing came.
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
             now = time.monotonic()
             self._hearing.poll(now)
             if self._newest is not None:

@@ -30,11 +30,13 @@ def measure_endurance(stage: Stage, seconds: float, show: Show) -> list[Row]:
     rows = _delays(name, watched, sent)
     session = read_session(stage.folder / "session.mcap")
     readings = watched.readings
+    used = (readings[-2].cpu - readings[0].cpu) / (readings[-2].time - readings[0].time)
     unrecorded = _total(watched).samples - len(session.recording)
     rows += [
         _row("endurance", name, "", metric="samples_not_recorded", value=float(unrecorded)),
         _row("endurance", name, "", metric="memory_mb_after_a_fifth", value=watched.memory(0.15, 0.25)),
         _row("endurance", name, "", metric="memory_mb_at_the_end", value=watched.memory(0.9, 1.0)),
+        _row("endurance", name, "", metric="share_of_a_core", value=used),
         _row("endurance", name, "", metric="load_mean", value=float(np.mean([reading.load for reading in readings]))),
         _row("endurance", name, "", metric="load_most", value=float(max(reading.load for reading in readings))),
     ]

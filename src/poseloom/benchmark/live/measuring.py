@@ -28,6 +28,7 @@ class Reading:
         histogram: Of all delays so far, in the bins of `Delays`.
         counters: Totals so far.
         load: Processes that want a core, over the last minute.
+        cpu: Seconds of a core that the process has used.
     """
 
     time: float
@@ -35,6 +36,7 @@ class Reading:
     histogram: NDArray[np.int64]
     counters: Counters
     load: float
+    cpu: float
 
 
 @dataclass(eq=False)
@@ -99,7 +101,9 @@ def _look(watched: list[Watched], ended: threading.Event, every: float) -> None:
 
 
 def _reading(session: Session, moment: float) -> Reading:
-    return Reading(moment, resident_memory(), session.delays.histogram(), session.counters, os.getloadavg()[0])
+    return Reading(
+        moment, resident_memory(), session.delays.histogram(), session.counters, os.getloadavg()[0], time.process_time()
+    )
 
 
 def resident_memory() -> float:

@@ -12,7 +12,7 @@ def live_figures(results: Results, commit: str) -> str:
         f"poseloom {results.version or 'of this commit'}, commit `{commit}`, digest of the motion "
         f"`{results.data_digest[:16]}`. Delays are milliseconds from the system's receipt of a sample's last datagram "
         "to its pose handed to the system for sending.",
-        _long(rows),
+        *(_long(rows, name) for name in dict.fromkeys(row.method for row in rows if row.table == "endurance")),
         _wide(rows, "fast input", "240 Hz input"),
         _wide(rows, "two sessions", "Two sessions in one process"),
         _faults(rows),
@@ -21,12 +21,8 @@ def live_figures(results: Results, commit: str) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _long(rows: Sequence[Row]) -> str:
-    mine = {row.metric: row for row in rows if row.table == "endurance"}
-    if not mine:
-        return ""
-    get = {metric: row.value for metric, row in mine.items()}
-    name = next(iter(mine.values())).method
+def _long(rows: Sequence[Row], name: str) -> str:
+    get = {row.metric: row.value for row in rows if row.table == "endurance" and row.method == name}
     growth = get["memory_mb_at_the_end"] - get["memory_mb_after_a_fifth"]
     lines = [
         ("arrival to pose sent, p50", "", f"{get['p50_ms']:.2f} ms", ""),
@@ -38,9 +34,10 @@ def _long(rows: Sequence[Row]) -> str:
          _met(get["samples_not_recorded"] == 0)),
         ("memory, after a fifth and at the end", "flat",
          f"{get['memory_mb_after_a_fifth']:.0f} and {get['memory_mb_at_the_end']:.0f} MB", _met(growth < 10.0)),
-        ("load of the two cores by others and us", "", f"{get['load_mean']:.1f}, at most {get['load_most']:.1f}", ""),
+        *([("of one core used", "", f"{get['share_of_a_core']:.0%}", "")] if "share_of_a_core" in get else []),
+        ("load of the machine by others and us", "", f"{get['load_mean']:.1f}, at most {get['load_most']:.1f}", ""),
     ]  # fmt: skip
-    by_time = [row for row in rows if row.table == "endurance by time"]
+    by_time = [row for row in rows if row.table == "endurance by time" and row.method == name]
     settings = list(dict.fromkeys(row.setting for row in by_time))
     metrics = ("p50_ms", "p95_ms", "p99_ms", "memory_mb", "load")
     told = [(setting, *_cells(by_time, setting, metrics)) for setting in settings]
