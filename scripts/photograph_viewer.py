@@ -85,9 +85,10 @@ def main() -> None:
 
 def photograph_session(shots: list[Shot], folder: Path) -> None:
     """A live session on simulated trackers."""
-    dance = resample(sample_motions()["dance_a"], 40.0)
-    # There and back: it is repeated, and trackers that jump would be disbelieved.
-    motion = make_motion(dance.skeleton, np.concatenate([dance.q, dance.q[::-1]]), dance.rate, "dance_a")
+    dance = resample(sample_motions()["dance_a"], 120.0)
+    # There and back, for it is repeated and trackers that jump would be disbelieved; and slowly, for a browser that
+    # draws without a graphics card leaves the method little time.
+    motion = make_motion(dance.skeleton, np.concatenate([dance.q, dance.q[::-1]]), 40.0, "dance_a")
     recording = simulate_trackers(motion, layout("six-trackers"), seed=2)
     library = built_library(folder)
     viewer = SessionViewer(port=0, frame_rate=4.0)  # the browser draws without a graphics card
