@@ -62,16 +62,15 @@ def position_error(recording: Recording, estimate: Motion) -> np.ndarray:
     return np.linalg.norm(places[0] - places[1], axis=-1).mean(axis=1)
 
 
-@pytest.mark.parametrize("paper", [False, True])
-@pytest.mark.parametrize("sensors", [FOOT.name, TWO.name])
+@pytest.mark.parametrize(("sensors", "paper"), [(FOOT.name, False), (FOOT.name, True), (TWO.name, False)])
 def test_a_whole_run_equals_a_split_run(sensors: str, paper: bool) -> None:
     method = fitted(sensors, paper)
-    heard = worn(sensors=sensors, faults=[Fault(layout(sensors).names[0], 0.6, 0.9)]).cut(0, 100)
+    heard = worn(sensors=sensors, faults=[Fault(layout(sensors).names[0], 0.6, 0.7)]).cut(0, 56)
     whole = reconstruct(method, heard)
     state = method.start(heard.skeleton, heard.placements)
     seen = []
     for index in range(len(heard)):
-        if index == 50:
+        if index == 40:
             # Another session in between leaves nothing behind.
             other = method.start(heard.skeleton, heard.placements)
             method.step(other, heard.sample(3))
@@ -96,7 +95,7 @@ def test_step_changes_neither_argument() -> None:
 
 def test_a_known_motion_comes_back() -> None:
     for name in ("walk", "run"):
-        heard = worn(name)
+        heard = worn(name).cut(0, 130)
         result = reconstruct(fitted(FOOT.name), heard)
         assert position_error(heard, result.motion)[30:].mean() < 0.03
         assert (result.spread > 0).all()
@@ -115,35 +114,36 @@ def test_the_phases_are_told() -> None:
 
 
 def test_a_silence_is_coasted_through_and_left_without_a_jump() -> None:
-    heard = worn(faults=[Fault("rightFoot", 2.0, 3.0)])
+    heard = worn(faults=[Fault("rightFoot", 1.0, 2.0)]).cut(0, 170)
     result = reconstruct(fitted(FOOT.name), heard)
     states = [health.state for health in result.health]
-    assert states[130] is HealthState.COASTING
-    assert states[200] is HealthState.OK
+    assert states[70] is HealthState.COASTING
+    assert states[140] is HealthState.OK
     frames = motion_frames(result.motion)
     away = frames.positions - frames.positions[:, :1]
     steps = np.linalg.norm(np.diff(away, axis=0), axis=-1)
-    assert steps[115:190].max() < 0.1
-    long = reconstruct(fitted(FOOT.name), worn(faults=[Fault("rightFoot", 1.0, 5.0)]))
-    assert long.health[280].state is HealthState.LOST
+    assert steps[55:].max() < 0.1
+    settings = replace(fitted(FOOT.name).settings, lost_after=0.5)
+    impatient = PhaseHmm(FOOT, fitted(FOOT.name).model, settings)
+    assert reconstruct(impatient, heard.cut(0, 100)).health[99].state is HealthState.LOST
 
 
 def test_one_silent_sensor_of_two_is_said_to_be_missing() -> None:
-    heard = worn(sensors=TWO.name, faults=[Fault("rightHand", 1.0, 2.0)])
+    heard = worn(sensors=TWO.name, faults=[Fault("rightHand", 0.8, 1.4)]).cut(0, 84)
     result = reconstruct(fitted(TWO.name), heard)
-    assert result.health[90].state is HealthState.DEGRADED
-    assert result.health[90].sensors == ("rightHand",)
-    assert position_error(heard, result.motion)[60:120].mean() < 0.06
+    assert result.health[60].state is HealthState.DEGRADED
+    assert result.health[60].sensors == ("rightHand",)
+    assert position_error(heard, result.motion)[48:].mean() < 0.06
 
 
 def test_nothing_is_said_before_the_sensors_have_spoken() -> None:
-    heard = worn(faults=[Fault("rightFoot", -1.0, 0.2)])
+    heard = worn(faults=[Fault("rightFoot", 0.0, 0.2)]).cut(0, 30)
     result = reconstruct(fitted(FOOT.name), heard)
     assert result.samples[0] == int(np.flatnonzero(np.isfinite(heard.specific_forces[:, 0, 0]))[0])
 
 
 def test_no_truth_and_no_place_in_the_room_enters() -> None:
-    heard = worn().cut(0, 60)
+    heard = worn().cut(0, 40)
     blind = make_recording(
         heard.layout,
         heard.placements,
@@ -163,7 +163,9 @@ def test_the_mounting_error_is_found() -> None:
     for _ in range(400):
         felt = draw.normal(size=6) * [3, 3, 3, 2, 2, 2] + [0, 9.8, 0, 0, 0, 0]
         said = (felt.reshape(2, 3) @ matrix_from_rotvec(turn)).reshape(-1)
-        known = observe_mounting(known, said + 0.1 * draw.normal(size=6), felt, np.array([True]), 1.0)
+        known = observe_mounting(
+            known, said + 0.1 * draw.normal(size=6), felt, np.array([True]), np.array([[3.0, 1.5]]), 1.0
+        )
     away = geodesic_angle(quat_from_matrix(known.turns[0]), quat_from_matrix(matrix_from_rotvec(turn)))
     assert float(away) < 0.02
     np.testing.assert_allclose(aligned(known, misaligned(known, np.arange(6.0))), np.arange(6.0), atol=1e-12)
@@ -171,15 +173,15 @@ def test_the_mounting_error_is_found() -> None:
 
 def test_mounting_is_learnt_while_walking() -> None:
     noise = replace(ImuNoise(), placement_rad=np.deg2rad(10.0), placement_m=0.0)
-    heard = simulate_imus(motion("walk"), FOOT, noise, seed=8)
+    heard = simulate_imus(motion("walk"), FOOT, noise, seed=8).cut(0, 150)
     method = fitted(FOOT.name)
     without = PhaseHmm(FOOT, method.model, replace(method.settings, mounting=0.0))
-    errors = [position_error(heard, reconstruct(each, heard).motion)[60:].mean() for each in (method, without)]
+    errors = [position_error(heard, reconstruct(each, heard).motion)[75:].mean() for each in (method, without)]
     assert errors[0] < errors[1]
 
 
 def test_feet_that_stand_hardly_slide_and_the_way_is_about_right() -> None:
-    heard = worn()
+    heard = worn().cut(0, 150)
     made = reconstruct(fitted(FOOT.name), heard).motion
     stands = contacts(heard.truth)
     standing = np.stack([stands.left_heel, stands.left_toe, stands.right_heel, stands.right_toe], axis=1)
@@ -193,7 +195,7 @@ def test_feet_that_stand_hardly_slide_and_the_way_is_about_right() -> None:
     assert ways[0] == pytest.approx(ways[1], rel=0.1)
 
 
-def test_ten_minutes_keep_the_state_as_small_as_it_was() -> None:
+def test_a_long_session_keeps_the_state_as_small_as_it_was() -> None:
     method, heard = fitted(FOOT.name), worn()
     state = method.start(heard.skeleton, heard.placements)
 
@@ -202,9 +204,9 @@ def test_ten_minutes_keep_the_state_as_small_as_it_was() -> None:
         return sum(array.nbytes for array in arrays)
 
     sizes = []
-    for index in range(3000):
+    for index in range(400):
         state, frame = method.step(state, heard.sample(index % len(heard)))
-        if index in (10, 2999):
+        if index in (40, 399):
             sizes.append(size(state))
     assert sizes[0] == sizes[1]
     assert frame is not None
@@ -212,7 +214,7 @@ def test_ten_minutes_keep_the_state_as_small_as_it_was() -> None:
 
 
 def test_a_model_file_gives_the_same_frames(tmp_path: Path) -> None:
-    method, heard = fitted(FOOT.name), worn().cut(0, 40)
+    method, heard = fitted(FOOT.name), worn().cut(0, 25)
     write_phase_hmm(method, tmp_path / "model.npz")
     again = read_phase_hmm(tmp_path / "model.npz")
     np.testing.assert_array_equal(reconstruct(method, heard).motion.q, reconstruct(again, heard).motion.q)
@@ -234,7 +236,7 @@ def test_fit_and_reconstruct_from_the_command_line(tmp_path: Path) -> None:
     model, recording, made = tmp_path / "model.npz", tmp_path / "walk.mcap", tmp_path / "walk.npz"
     arguments = ["--library", str(tmp_path / "library"), "--layout", FOOT.name, "--behaviour", "walking"]
     assert run(["fit", "phase-hmm", *arguments, "-o", str(model)]) == 0
-    write_recording(worn().cut(0, 60), recording)
+    write_recording(worn().cut(0, 30), recording)
     assert run(["reconstruct", str(recording), "--method", "phase-hmm", "--model", str(model), "-o", str(made)]) == 0
     assert made.exists()
     assert run(["reconstruct", str(recording), "--method", "phase-hmm", "-o", str(made)]) == 2

@@ -16,9 +16,6 @@ from poseloom.arrays import Array, Bools, Floats
 from poseloom.methods.imus.pairs import CHANNELS
 from poseloom.rotations import matrix_from_rotvec
 
-_NOISE = np.array([3.0, 1.5])
-"""Standard deviations of what the model expects of specific force (m/s^2) and angular rate (rad/s): people differ."""
-
 
 class Mounting(NamedTuple):
     """What is known of the sensors' mounting errors.
@@ -57,6 +54,7 @@ def observe_mounting(
     said: Floats[Array, "channels"],
     expected: Floats[Array, "channels"],
     heard: Bools[Array, "sensors"],
+    sigmas: Floats[Array, "sensors 2"],
     gain: float,
 ) -> Mounting:
     """Takes one sample into account.
@@ -66,12 +64,16 @@ def observe_mounting(
         said: What the sensors said, as they are mounted.
         expected: What well-mounted ones were expected to say.
         heard: Which sensors spoke.
+        sigmas: Standard deviations of what is expected of each sensor's specific force (m/s^2) and angular rate
+            (rad/s): people differ, and hands more than feet.
         gain: How much of an independent observation a sample is.
     """
     information, evidence, turns = mounting.information.copy(), mounting.evidence.copy(), mounting.turns.copy()
     for sensor in np.flatnonzero(heard):
         part = slice(CHANNELS * sensor, CHANNELS * (sensor + 1))
-        for measured, hoped, sigma in zip(said[part].reshape(2, 3), expected[part].reshape(2, 3), _NOISE, strict=True):
+        for measured, hoped, sigma in zip(
+            said[part].reshape(2, 3), expected[part].reshape(2, 3), sigmas[sensor], strict=True
+        ):
             x, y, z = hoped
             jacobian = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
             weight = gain / sigma**2

@@ -142,6 +142,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         self._precisions = [each.precision.astype(np.float32) for each in model.emissions]
         self._log_norms = [0.5 * np.log(each.precision / (2 * np.pi)).sum(axis=1) for each in model.emissions]
         self._steps = np.array(settings.steps)
+        scales = model.emissions[-1].signal_features.scale.reshape(-1, 2, 3)
+        self._sigmas = np.sqrt((scales**2).mean(axis=2))
         self._rejoin = max(round(settings.rejoin_seconds * layout.rate), 1)
         self._stride = -(-len(model) // settings.restart_states)
 
@@ -195,7 +197,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         guess = self._guess(state, log_alpha, seen, self.settings.correction if whole else 0.0)
         mounting = state.mounting
         if spoken and self.settings.mounting > 0:
-            mounting = observe_mounting(mounting, said, guess.signal, heard, self.settings.mounting_gain)
+            mounting = observe_mounting(mounting, said, guess.signal, heard, self._sigmas, self.settings.mounting_gain)
         moved = replace(
             state,
             log_alpha=log_alpha,

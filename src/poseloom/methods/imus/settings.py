@@ -70,7 +70,7 @@ class PhaseHmmSettings:
     body_scale: float = 0.002
     body_limit: float = 20.0
     mounting: float = np.deg2rad(5.0)
-    mounting_gain: float = 0.15
+    mounting_gain: float = 0.3
     turn_seconds: float = 0.6
     contact_lock: float = 0.5
     lock_limit: float = 0.04
