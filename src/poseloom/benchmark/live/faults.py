@@ -105,12 +105,15 @@ def _all_silent(stage: Stage) -> list[Row]:
         device("udp", listening_port(plan), 9.0, faults=[f"silent:{each}:3:6" for each in worn.names]).wait()
     states = np.array(notebook.states)
     without = np.isin(states, ["coasting", "lost"])
-    # The first stretch without sensors is the fault; the last is the device's end.
-    edges = np.flatnonzero(np.diff(without.astype(int)))
-    back = states[edges[1] + 1 : edges[2] + 1] if len(edges) > 2 else states[-60:]
+    # The longest stretch without sensors before the device's end is the fault; a busy machine makes short ones, too.
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], without, [False]]).astype(int)))
+    starts, stops = edges[::2], edges[1::2]
+    inner = [(stop - start, start, stop) for start, stop in zip(starts, stops, strict=True) if stop < len(states)]
+    longest, _, end = max(inner, default=(0, 0, 0))
+    back = states[end : end + 120]
     return [
         *_alive(name, watched),
-        _row(name, "", metric="poses_without_sensors", value=float(edges[1] - edges[0]) if len(edges) > 1 else 0.0),
+        _row(name, "", metric="poses_without_sensors", value=float(longest)),
         _row(name, "", metric="poses_after_it", value=float(len(back))),
         _row(name, "", metric="of_them_ok_or_degraded", value=float(np.isin(back, ["ok", "degraded"]).sum())),
         _row(name, "", metric="largest_jump_cm", value=_largest_jump(notebook)),
