@@ -68,7 +68,7 @@ class PhaseHmmSettings:
     rejoin_limit: float = 0.05
     rejoin_seconds: float = 0.4
     body_scale: float = 0.002
-    body_limit: float = 20.0
+    body_limit: float = 7.0
     mounting: float = np.deg2rad(5.0)
     mounting_gain: float = 0.3
     turn_seconds: float = 0.6
