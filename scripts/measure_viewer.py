@@ -83,7 +83,6 @@ def main() -> None:
             print(
                 f"a drawn pose: {cost.round(2)} ms of one core (median, 95 %, 99 %); one that is not drawn: {idle:.3f}"
             )
-            print(f"poses drawn a second: {len(sink.spent) / asked.seconds:.0f} of {RATE:.0f}")
             reload_often(page, sink, asked.reloads)
 
         print(f"with the viewer: a pose after {with_session(look)} ms")
