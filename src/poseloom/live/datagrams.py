@@ -13,8 +13,10 @@ _LARGEST = 1 << 16
 _AT_ONCE = 64
 """Datagrams read before other work of the loop has its turn: a flood must not starve it."""
 
+_FLOOD = 4
+"""Full readings in a row from which there is a flood: this process having slept for a second is none."""
 _TOO_OLD = 0.5
-"""Seconds that a datagram may have waited to be read. A flood fills the system's buffer with what takes seconds to
+"""Seconds that a datagram of a flood may have waited to be read. It fills the system's buffer with what takes seconds to
 read; what is of now must not wait behind it."""
 
 # Numbers of Linux; where the system does not know them, arrival is the moment of reading and no loss is told.
@@ -40,6 +42,7 @@ class DatagramPort:
         self._hear = hear
         self._lost = lost
         self._dropped = 0
+        self._batches = 0
 
     async def __aenter__(self) -> "DatagramPort":
         self._socket = open_port(*self._address)
@@ -60,14 +63,16 @@ class DatagramPort:
             try:
                 data, extra, _flags, sender = self._socket.recvmsg(_LARGEST, 128)
             except (BlockingIOError, InterruptedError):
+                self._batches = 0
                 return
             except OSError:
                 return  # an earlier answer could not be delivered; what comes next is not touched by it
             arrival = self._arrival(extra)
-            if time.monotonic() - arrival > _TOO_OLD:
+            if self._batches >= _FLOOD and time.monotonic() - arrival > _TOO_OLD:
                 self._lost(1)
             else:
                 self._hear(data, arrival, f"{sender[0]}:{sender[1]}")
+        self._batches += 1
 
     def _arrival(self, extra: list[tuple[int, int, bytes]]) -> float:
         now = time.monotonic()
