@@ -16,7 +16,7 @@ _AT_ONCE = 64
 _FLOOD = 4
 """Full readings in a row from which there is a flood: this process having slept for a second is none."""
 _TOO_OLD = 0.5
-"""Seconds that a datagram of a flood may have waited to be read. It fills the system's buffer with what takes seconds to
+"""Seconds that a datagram of a flood may have waited. A flood fills the system's buffer with what takes seconds to
 read; what is of now must not wait behind it."""
 
 # Numbers of Linux; where the system does not know them, arrival is the moment of reading and no loss is told.
