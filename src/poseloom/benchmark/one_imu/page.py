@@ -134,6 +134,7 @@ def _ten(rows: Sequence[Row]) -> str:
         )
         for placement in PLACEMENTS
         for method in (OURS, "nearest-window")
+        if _cell(mine, method, f"{placement}-imu, joint, all, {COVERED}")
     ]
     return f"## Figure 10: where the sensor is worn ({COVERED}, by-sequence)\n\n" + _table(
         ("place", "method", *BEHAVIOURS, "all"), lines
