@@ -80,6 +80,7 @@ class Visit:
                 if (canvas.width < window.innerWidth) return [canvas.right, 0];
                 let node = [...document.querySelectorAll("button")].at(-1);
                 while (node && getComputedStyle(node).position !== "fixed") node = node.parentElement;
+                if (!node) return [window.innerWidth, 0];  // the page is being laid out anew
                 const panel = node.getBoundingClientRect();
                 return [panel.left, panel.top];
             }"""

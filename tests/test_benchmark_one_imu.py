@@ -156,6 +156,7 @@ def test_the_page_and_the_picture_show_the_rows() -> None:
     rows = [
         Row("3", OURS, f"{FOOT}, joint, all, covered", "by-sequence", "joint_position_cm", 3.21, 0.5, 4, 100, 0),
         Row("10", OURS, "hips-imu, joint, walking, covered", "by-sequence", "joint_position_cm", 4.44, 0.5, 4, 100, 0),
+        Row("10", OURS, "hips-imu, joint, all, covered", "by-sequence", "joint_position_cm", 5.55, 0.5, 4, 100, 0),
         Row("2", OURS, "W, 500 frames", "none", "step_ms_p99", 0.77, None, 4, 100, 0),
         Row("drop-outs", OURS, f"{FOOT}, all silent", "by-sequence", "worst_jump_cm", 9.87, None, 4, 0, 0),
     ]
