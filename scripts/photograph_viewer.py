@@ -97,10 +97,10 @@ def photograph_session(shots: list[Shot], folder: Path) -> None:
         layout=recording.layout,
         skeleton=recording.skeleton,
         placements=recording.placements,
-        method="local-gaussian",
+        method="local-filter",
         make=lambda name: make_method(name, recording.layout, library),
         sinks=(viewer,),
-        methods=("local-gaussian", "inverse-kinematics"),
+        methods=("local-filter", "inverse-kinematics"),
         calibrated=True,
         folder=folder,
     )
@@ -121,7 +121,7 @@ def photograph_take(shots: list[Shot], folder: Path) -> None:
     recording = simulate_trackers(motion, layout("six-trackers"), seed=2)
     write_recording(recording, folder / "dance_a.mcap")
     built_library(folder)
-    methods = ("local-gaussian", "inverse-kinematics")
+    methods = ("local-filter", "inverse-kinematics")
     take = load_take([folder / "dance_a.mcap"], Wanted(methods, folder / "library"))
     player = Player(take, port=0)
     player.seek(3.1)

@@ -36,7 +36,7 @@ def live(
     ] = None,
     method: Annotated[
         str | None,
-        typer.Option("--method", "-m", help="How; with a library local-gaussian, else inverse-kinematics."),
+        typer.Option("--method", "-m", help="How; with a library local-filter, else inverse-kinematics."),
     ] = None,
     library: Annotated[str | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
     model: Annotated[str | None, typer.Option("--model", help="A fitted model, from `poseloom fit`.")] = None,

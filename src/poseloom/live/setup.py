@@ -17,7 +17,7 @@ from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource
 from poseloom.live.specifications import LOOPBACK, make_sender, make_source
-from poseloom.methods import METHODS, make_method, needs_library, needs_model
+from poseloom.methods import DEFAULT_METHOD, METHODS, make_method, needs_library, needs_model
 from poseloom.methods.contract import Reconstructor
 from poseloom.sensors import (
     Placement,
@@ -32,9 +32,8 @@ from poseloom.sensors import (
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.skeleton import Skeleton
 
-_WITH_LIBRARY, _WITHOUT_LIBRARY = "local-gaussian", "inverse-kinematics"
-"""Methods for trackers unless one is named. The recommended one of `METHODS` is more exact and takes longer a step than
-a busy machine has at 60 Hz."""
+_WITH_LIBRARY, _WITHOUT_LIBRARY = DEFAULT_METHOD, "inverse-kinematics"
+"""Methods for trackers unless one is named."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class LiveSettings:
 
     Attributes:
         source: Where samples come from; see `make_source`.
-        method: Name of a method; empty: local-gaussian if there is a library, else inverse kinematics.
+        method: Name of a method; empty: the recommended one if there is a library, else inverse kinematics.
         library: Folder of a motion library.
         model: File of a fitted model.
         calibration: File of a calibration.

@@ -55,7 +55,7 @@ def measure_fast_input(stage: Stage, seconds: float, show: Show) -> list[Row]:
     rows: list[Row] = []
     cases: tuple[tuple[str, dict[str, str], str], ...] = (
         ("240 Hz into inverse kinematics at 240 Hz", {"method": "inverse-kinematics", "library": ""}, "vmc:0,rate=240"),
-        ("240 Hz into local-gaussian at 60 Hz", {}, "vmc:0"),
+        ("240 Hz into local-filter at 60 Hz", {}, "vmc:0"),
     )
     for name, settings, source in cases:
         plan = stage.plan(source, (), **settings)

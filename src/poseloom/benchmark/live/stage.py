@@ -35,7 +35,7 @@ class Stage:
     seed: int = 0
 
     def plan(self, source: str, sinks: Sequence[Sink] = (), **settings: object) -> SessionPlan:
-        """A session with local-gaussian on the library.
+        """A session with the recommended method on the library.
 
         Args:
             source: As for `poseloom live --source`.
