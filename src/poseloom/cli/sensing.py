@@ -135,7 +135,7 @@ def simulate(
     if rate is not None:
         worn = make_layout(worn.name, worn.sensors, rate)
     faults = [_parse_fault(text) for text in fault or ()]
-    moving = _cut(retarget(_load(clip, skeleton)), start, stop)
+    moving = _cut(retarget(load_clip(clip, skeleton)), start, stop)
     asked = {option: value for option, value in given.items() if value is not None}
     recording = simulate_worn(moving, worn, asked, faults, seed)
     if name is not None:
@@ -153,7 +153,8 @@ def _check_output(output: Path) -> None:
         )
 
 
-def _load(clip: str, skeleton: Path | None) -> "Motion":
+def load_clip(clip: str, skeleton: Path | None) -> "Motion":
+    """A motion file, or a built-in motion by its name behind `SAMPLE_PREFIX`."""
     from poseloom.formats import drop_rest_frame, read_motion
     from poseloom.samples import sample_motions
 
