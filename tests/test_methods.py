@@ -172,7 +172,7 @@ def test_one_subspace_for_all_or_one_a_dof_say_nearly_the_same() -> None:
     hidden = rng.normal(size=(64, 4))
     inputs = hidden @ rng.normal(size=(4, 20)) + 0.01 * rng.normal(size=(64, 20))
     outputs = hidden @ rng.normal(size=(4, 12)) + 0.01 * rng.normal(size=(64, 12))
-    near = Neighbourhood(inputs[0], inputs[1:], outputs[1:], np.full(63, 1 / 63), outputs[0])
+    near = Neighbourhood(inputs[0], inputs[1:], outputs[1:], outputs[1:], np.full(63, 1 / 63), outputs[0])
     together, _ = SubspaceModel(energy=0.999, ridge=1e-6).predict(near)
     apart, spread = SubspaceModel(energy=0.999, ridge=1e-6, per_dof=True).predict(near)
     np.testing.assert_allclose(together, outputs[0], atol=0.1)

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol, cast, runtime_checkable
 
@@ -57,6 +58,11 @@ class Exclusion:
 
     allowed: NDArray[np.uint8]
     count: int
+
+    @cached_property
+    def selector(self) -> Any:
+        """The same for faiss, which looks into `allowed` itself."""
+        return faiss.IDSelectorBitmap(self.count, faiss.swig_ptr(self.allowed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +118,7 @@ def _search(
     if exclusion is None:
         distances, found = index.search(wanted, count)
         return _found(distances, found)
-    selector = faiss.IDSelectorBitmap(exclusion.count, faiss.swig_ptr(exclusion.allowed))
+    selector = exclusion.selector
     if not hasattr(index, "nprobe"):
         return _found(*index.search(wanted, count, params=faiss.SearchParameters(sel=selector)))
     # Where much is left out, the nearest lists may hold nothing else: look into more of them.

@@ -76,12 +76,13 @@ def gather_outputs(
     scale: float,
     persistence: float,
     out: Floats[Array, "neighbours dofs"],
+    moved: Floats[Array, "neighbours dofs"],
 ) -> None:
     """What each row says of the next pose, from the ground point and heading of the pose before it.
 
     A row says partly "be where I am" and partly, with the share `persistence`, "move as I moved": its pose is shifted
-    by that share of the difference between the previous pose and the pose before the row. Rotation vectors are brought
-    to the branches of `previous`; `scale` turns the library's metres into the wearer's.
+    by that share of the difference between the previous pose and the pose before the row; in `moved`, by all of it.
+    Rotation vectors are brought to the branches of `previous`; `scale` turns the library's metres into the wearer's.
     """
     size = out.shape[1]
     now, before = np.empty(size), np.empty(size)
@@ -102,6 +103,7 @@ def gather_outputs(
         nearest_branches_in_place(before, previous)
         nearest_branches_in_place(out[i], before)
         for d in range(size):
+            moved[i, d] = out[i, d] + (previous[d] - before[d])
             out[i, d] += persistence * (previous[d] - before[d])
 
 

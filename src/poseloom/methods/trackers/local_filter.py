@@ -106,9 +106,8 @@ class LocalFilter(NeighbourMethod):
 
     def next_prior(self, state: TrackerState, previous: Floats[Array, "dofs"], view: BoneView) -> GaussianPrior:
         """See `TrackerMethod.next_prior`."""
-        near, found = self._near(state, previous, view, 0.0)
+        near = self._near(state, previous, view, 0.0)
         mean, covariance = self._filter.predict(near)
         known = root_turned(state.covariance, _kernels.root_heading(state.history[0]))
-        moved = self._outputs(found, previous, state.wearer, 1.0)
-        carried = self._filter.carry(known, moved, near.weights)
+        carried = self._filter.carry(known, near.moved, near.weights)
         return self._filter.joined(carried, GaussianPrior(mean, covariance + np.diag(self._floor(len(mean)))))

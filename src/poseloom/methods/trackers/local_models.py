@@ -20,6 +20,7 @@ class Neighbourhood:
         query: Projected features of the present moment.
         inputs: The same of each neighbour.
         outputs: Pose of each neighbour, from the ground point and heading of the pose before it; metres and radians.
+        moved: The newest pose, moved as each neighbour moved; in the same frame.
         weights: How much each neighbour counts; they sum to one.
         previous: The newest reconstructed pose, in its own heading frame.
     """
@@ -27,6 +28,7 @@ class Neighbourhood:
     query: Floats[Array, "columns"]
     inputs: Floats[Array, "neighbours columns"]
     outputs: Floats[Array, "neighbours dofs"]
+    moved: Floats[Array, "neighbours dofs"]
     weights: Floats[Array, "neighbours"]
     previous: Floats[Array, "dofs"]
 

@@ -114,27 +114,20 @@ class NeighbourMethod(TrackerMethod):
 
     def next_prior(self, state: TrackerState, previous: Floats[Array, "dofs"], view: BoneView) -> GaussianPrior:
         """See `TrackerMethod.next_prior`."""
-        return self._prior(self._near(state, previous, view, self.neighbours.persistence)[0])
+        return self._prior(self._near(state, previous, view, self.neighbours.persistence))
 
     def _near(
         self, state: TrackerState, previous: Floats[Array, "dofs"], view: BoneView, persistence: float
-    ) -> tuple[Neighbourhood, Ints[Array, "neighbours"]]:
-        """The moments nearest to the present one, and which they are."""
+    ) -> Neighbourhood:
+        """The moments nearest to the present one."""
         query = self._query(state, view)
         found, _ = self._index.search(query, self.neighbours.neighbours, self._exclusion)
         self._check(found)
-        outputs = self._outputs(found, previous, state.wearer, persistence)
-        inputs = self._index.columns[found, : len(query)].astype(np.float64)
-        return Neighbourhood(query, inputs, outputs, self._weights(inputs, query), previous), found
-
-    def _outputs(
-        self, found: Ints[Array, "neighbours"], previous: Floats[Array, "dofs"], wearer: Wearer, persistence: float
-    ) -> Floats[Array, "neighbours dofs"]:
-        """What moments say of the next pose (see `gather_outputs`)."""
-        outputs = np.empty((len(found), len(previous)))
+        outputs, moved = np.empty((2, len(found), len(previous)))
         rows = self._index.rows[found]
-        _kernels.gather_outputs(self._poses, rows, previous, wearer.scale, persistence, outputs)
-        return outputs
+        _kernels.gather_outputs(self._poses, rows, previous, state.wearer.scale, persistence, outputs, moved)
+        inputs = self._index.columns[found, : len(query)].astype(np.float64)
+        return Neighbourhood(query, inputs, outputs, moved, self._weights(inputs, query), previous)
 
     def _query(self, state: TrackerState, view: BoneView) -> Floats[Array, "columns"]:
         """Projected features of the present moment; at the start the oldest pose stands for those before it."""
