@@ -37,7 +37,7 @@ from poseloom.errors import PoseloomError
 from poseloom.evaluation.cases import Case, Conditions, read_cases
 from poseloom.evaluation.rows import Results, Row
 from poseloom.library import MotionLibrary, build_library, open_library
-from poseloom.methods import LocalGaussian
+from poseloom.methods import LocalFilter
 from poseloom.sensors import layout
 
 LIMIT = 10
@@ -227,7 +227,7 @@ def test_time_to_settle():
 
 
 def test_exact_search_of_a_small_library_is_its_own(library: MotionLibrary, cases: tuple[Case, ...], plan: Plan):
-    index = library.moments(LocalGaussian(library, layout("six-trackers")).features)
+    index = library.moments(LocalFilter(library, layout("six-trackers")).features)
     thorough = exact(library, index)
     assert recall(index, thorough.moments, library, cases[0], 16, 5, plan, 0) == 1.0
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from poseloom.formats.recording import read_recording, write_recording
     from poseloom.library import MotionLibrary, build_library, open_library
     from poseloom.methods.contract import Frame, Reconstruction, Reconstructor, reconstruct
-    from poseloom.methods.trackers import InverseKinematics, LocalGaussian, LocalRegression
+    from poseloom.methods.trackers import InverseKinematics, LocalFilter, LocalRegression
     from poseloom.report.html import write_report
     from poseloom.samples import sample_motions
     from poseloom.sensors.layout import layout
@@ -31,7 +31,7 @@ _HOMES = {
     "Frame": "methods.contract",
     "ImuNoise": "synthesis.imus",
     "InverseKinematics": "methods.trackers",
-    "LocalGaussian": "methods.trackers",
+    "LocalFilter": "methods.trackers",
     "LocalRegression": "methods.trackers",
     "Motion": "skeleton.motion",
     "MotionLibrary": "library",
@@ -63,7 +63,7 @@ __all__ = [
     "Frame",
     "ImuNoise",
     "InverseKinematics",
-    "LocalGaussian",
+    "LocalFilter",
     "LocalRegression",
     "Motion",
     "MotionLibrary",

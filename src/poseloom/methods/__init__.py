@@ -11,6 +11,7 @@ from poseloom.methods.contract import (
 from poseloom.methods.registry import DEFAULT_METHOD, METHODS, make_method, needs_library, needs_model
 from poseloom.methods.trackers import (
     InverseKinematics,
+    LocalFilter,
     LocalGaussian,
     LocalPca,
     LocalPcr,
@@ -29,6 +30,7 @@ __all__ = [
     "Health",
     "HealthState",
     "InverseKinematics",
+    "LocalFilter",
     "LocalGaussian",
     "LocalPca",
     "LocalPcr",

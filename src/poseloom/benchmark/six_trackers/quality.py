@@ -20,7 +20,7 @@ from poseloom.evaluation.results import compare
 from poseloom.evaluation.rows import Row
 from poseloom.library import MotionLibrary
 from poseloom.library.index import MomentIndex
-from poseloom.methods import LocalGaussian, reconstruct
+from poseloom.methods import LocalFilter, reconstruct
 from poseloom.sensors import Recording, layout
 
 faiss: Any = _faiss
@@ -79,7 +79,7 @@ def search_quality(plan: Plan, sequences: Sequences, tell: Progress) -> list[Row
         label = f"search, {len(library.poses):,} poses"
         setting = f"{len(library.poses):,} poses"
         recording = recording_of(Trial(OURS, sequences.cases[0], 0, plan.conditions, folder, limit=20))
-        method = LocalGaussian(library, recording.layout)
+        method = LocalFilter(library, recording.layout)
         index = library.moments(method.features)
         thorough = exact(library, index)
         count = method.neighbours.neighbours
@@ -182,7 +182,7 @@ def _error(library: MotionLibrary, recording: Recording, case: Case) -> float:
     truth = recording.truth
     assert truth is not None  # it was simulated
     allowed = library.rows_excluding(forbidden_takes(library, case, False))
-    method = LocalGaussian(library, layout(recording.layout.name), allowed=allowed)
+    method = LocalFilter(library, layout(recording.layout.name), allowed=allowed)
     warm_up(method, recording)
     made = reconstruct(method, recording)
     return compare(OURS, truth, made.motion, made.samples).metrics["joint_angle_deg"]
