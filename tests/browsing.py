@@ -76,11 +76,13 @@ class Visit:
         """Left and upper edge of the panel: beside the scene its upper edge is the page's."""
         box = self.page.evaluate(
             """() => {
-                const canvas = document.querySelector("canvas").getBoundingClientRect();
+                const scene = document.querySelector("canvas");
+                if (!scene) return [window.innerWidth, 0];  // the page is being laid out anew
+                const canvas = scene.getBoundingClientRect();
                 if (canvas.width < window.innerWidth) return [canvas.right, 0];
                 let node = [...document.querySelectorAll("button")].at(-1);
                 while (node && getComputedStyle(node).position !== "fixed") node = node.parentElement;
-                if (!node) return [window.innerWidth, 0];  // the page is being laid out anew
+                if (!node) return [window.innerWidth, 0];
                 const panel = node.getBoundingClientRect();
                 return [panel.left, panel.top];
             }"""
