@@ -17,7 +17,9 @@ demo: .venv/installed
 	@$(BIN)/poseloom demo $(if $(DATA),--data "$(DATA)") -o demo
 
 test: .venv/installed-dev
-	@$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadgroup
+	@$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadgroup --ignore tests/test_viewer_browser.py
+	@# A browser that draws without a graphics card needs both cores.
+	@$(ONE_THREAD) $(BIN)/python -m pytest tests/test_viewer_browser.py
 
 check: .venv/installed-dev
 	$(BIN)/ruff check .
