@@ -16,13 +16,14 @@ from poseloom.live.endless import endless_motion
 from poseloom.live.hearing import Hearing
 from poseloom.live.pacing import Pace, step_pace
 from poseloom.live.readings import Packet, Reading
-from poseloom.live.virtual import parse_fault, virtual_recording
+from poseloom.live.virtual import virtual_recording
 from poseloom.live.watch import Watch, new_findings
 from poseloom.rotations import heading_matrix, matrix_from_quat, quat_from_matrix
 from poseloom.samples import sample_motions
 from poseloom.sensors import Sample, default_placements, layout, place_sensors
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.kinematics import forward_kinematics, motion_frames
+from poseloom.synthesis import parse_fault
 
 SIX = replace(layout("six-trackers"), rate=60.0)
 PERIOD = 1 / 60

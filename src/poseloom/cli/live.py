@@ -214,8 +214,9 @@ def simulate_device(
     from dataclasses import replace
 
     from poseloom.live.devices import LineSpeaker, play, pseudo_terminal
-    from poseloom.live.virtual import parse_fault, virtual_recording
+    from poseloom.live.virtual import virtual_recording
     from poseloom.sensors import layout as layout_by_name
+    from poseloom.synthesis import parse_fault
 
     if device not in _DEVICES:
         raise unknown_name("device", device, _DEVICES, SensorError)

@@ -27,11 +27,11 @@ def draw_phases(
 
     Example: poseloom phases 02_01.amc -o phases.html
     """
-    from poseloom.cli.sensing import load_clip
     from poseloom.errors import PoseloomError, unknown_name
     from poseloom.methods.imus.behaviours import Behaviour, behaviour_of
     from poseloom.methods.imus.phases import label_phases
     from poseloom.report.phases import write_phases
+    from poseloom.samples import read_clip
     from poseloom.skeleton.resample import resample
     from poseloom.skeleton.retarget import retarget
 
@@ -39,7 +39,7 @@ def draw_phases(
         raise PoseloomError("the phases are drawn as a page", remedy="Name a file that ends in .html", file=output)
     if behaviour is not None and behaviour not in [each.value for each in Behaviour]:
         raise unknown_name("behaviour", behaviour, [each.value for each in Behaviour], PoseloomError)
-    motion = resample(retarget(load_clip(clip, skeleton)), rate)
+    motion = resample(retarget(read_clip(clip, skeleton)), rate)
     told = Behaviour(behaviour) if behaviour is not None else behaviour_of((), motion)
     track = label_phases(motion, told)
     write_phases(output, motion, track, told.value)

@@ -5,15 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from poseloom.errors import PoseloomError, SensorError, unknown_name
+from poseloom.errors import PoseloomError, SensorError
 
 if TYPE_CHECKING:
     from poseloom.sensors import Recording
     from poseloom.skeleton.motion import Motion
-    from poseloom.synthesis import Fault
-
-SAMPLE_PREFIX = "sample:"
-"""What stands before the name of a built-in sample motion where a file could stand."""
 
 
 def register(app: typer.Typer) -> None:
@@ -126,16 +122,18 @@ def simulate(
 
     from poseloom.cli.virtual_sensors import simulate_worn
     from poseloom.formats.recording import write_recording
+    from poseloom.samples import read_clip
     from poseloom.sensors import layout as layout_by_name
     from poseloom.sensors import make_layout
     from poseloom.skeleton.retarget import retarget
+    from poseloom.synthesis import parse_fault
 
     _check_output(output)
     worn = layout_by_name(layout)
     if rate is not None:
         worn = make_layout(worn.name, worn.sensors, rate)
-    faults = [_parse_fault(text) for text in fault or ()]
-    moving = _cut(retarget(load_clip(clip, skeleton)), start, stop)
+    faults = [parse_fault(text) for text in fault or ()]
+    moving = _cut(retarget(read_clip(clip, skeleton)), start, stop)
     asked = {option: value for option, value in given.items() if value is not None}
     recording = simulate_worn(moving, worn, asked, faults, seed)
     if name is not None:
@@ -153,20 +151,6 @@ def _check_output(output: Path) -> None:
         )
 
 
-def load_clip(clip: str, skeleton: Path | None) -> "Motion":
-    """A motion file, or a built-in motion by its name behind `SAMPLE_PREFIX`."""
-    from poseloom.formats import drop_rest_frame, read_motion
-    from poseloom.samples import sample_motions
-
-    if not clip.startswith(SAMPLE_PREFIX):
-        return drop_rest_frame(read_motion(Path(clip), skeleton))
-    samples = sample_motions()
-    sample = clip.removeprefix(SAMPLE_PREFIX)
-    if sample not in samples:
-        raise unknown_name("sample motion", sample, samples)
-    return samples[sample]
-
-
 def _cut(motion: "Motion", start: float, stop: float | None) -> "Motion":
     """The part from `start` to `stop` seconds, both ends included."""
     if start == 0.0 and stop is None:
@@ -179,24 +163,6 @@ def _cut(motion: "Motion", start: float, stop: float | None) -> "Motion":
             remedy="Choose --start below --stop, and within the motion",
         )
     return motion.cut(round(start * motion.rate), round(min(end, motion.duration) * motion.rate) + 1)
-
-
-def _parse_fault(text: str) -> "Fault":
-    from poseloom.synthesis import Fault, FaultKind
-
-    parts = text.split(":")
-    try:
-        kind, sensor, start, stop = parts
-        begin, end = float(start), float(stop)
-    except ValueError:
-        raise SensorError(
-            f"the fault {text!r} is not understood",
-            remedy="Write KIND:SENSOR:START:STOP with times in seconds, such as silent:leftHand:2:3",
-        ) from None
-    if kind not in set(FaultKind):
-        raise unknown_name("kind of fault", kind, list(FaultKind), SensorError)
-    first, _, other = sensor.partition("+")
-    return Fault(first, begin, end, FaultKind(kind), other=other)
 
 
 def show_recording(recording: "Recording", output: Path) -> None:

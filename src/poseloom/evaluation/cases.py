@@ -5,13 +5,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from poseloom.errors import PoseloomError, unknown_name
+from poseloom.errors import PoseloomError
 from poseloom.formats import drop_rest_frame, read_motions
 from poseloom.formats.recording import read_recording
 from poseloom.library.naming import describe
 from poseloom.library.sources import SAMPLES, Selection, find_sources
 from poseloom.library.store import file_digest
-from poseloom.samples import sample_motions
+from poseloom.samples import SAMPLE_PREFIX, sample_motion
 from poseloom.sensors import Recording
 from poseloom.sensors import layout as layout_by_name
 from poseloom.skeleton.families import recognise
@@ -20,7 +20,6 @@ from poseloom.skeleton.resample import resample
 from poseloom.skeleton.retarget import retarget
 from poseloom.synthesis import TrackerNoise, simulate_trackers
 
-SAMPLE_PREFIX = "sample:"
 RECORDING_SUFFIX = ".mcap"
 SHORTEST_SECONDS = 0.5
 """Motions shorter than this are refused: no method has found its feet by then."""
@@ -129,12 +128,10 @@ def sensed(case: Case, conditions: Conditions, seed: int) -> Recording:
 
 
 def _sample(name: str, conditions: Conditions) -> Case:
-    samples = sample_motions()
-    if name not in samples:
-        raise unknown_name("sample motion", name, samples)
+    motion = sample_motion(name)
     # The same digest and subject as a library's catalogue has for a built-in motion.
-    digest = hashlib.sha256(samples[name].q.tobytes()).hexdigest()
-    return case_of_motion(samples[name], conditions, name, digest, describe(f"{SAMPLES}/{name}").subject)
+    digest = hashlib.sha256(motion.q.tobytes()).hexdigest()
+    return case_of_motion(motion, conditions, name, digest, describe(f"{SAMPLES}/{name}").subject)
 
 
 def _recorded(path: Path) -> Case:

@@ -12,10 +12,11 @@ from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource
 from poseloom.live.source_serial import LineFileSource, SerialSource
 from poseloom.live.sources_network import DatagramSource, VmcSource
-from poseloom.live.virtual import parse_fault, virtual_recording
+from poseloom.live.virtual import virtual_recording
 from poseloom.live.vmc import VMC_PORT
 from poseloom.live.wire import WIRE_PORT
 from poseloom.sensors import SensorLayout, layout
+from poseloom.synthesis import parse_fault
 
 LOOPBACK = "127.0.0.1"
 

@@ -1,6 +1,6 @@
 """Virtual sensors on a moving body."""
 
-from poseloom.synthesis.faults import Fault, FaultKind
+from poseloom.synthesis.faults import Fault, FaultKind, parse_fault
 from poseloom.synthesis.flex import bend_angles, simulate_flex
 from poseloom.synthesis.flex_readings import flex_counts
 from poseloom.synthesis.flex_sensors import IDEAL_FLEX, FlexBoard, FlexChannels, FlexSensors, Spread, draw_channels
@@ -26,6 +26,7 @@ __all__ = [
     "draw_channels",
     "flex_counts",
     "merge_recordings",
+    "parse_fault",
     "simulate_flex",
     "simulate_imus",
     "simulate_trackers",

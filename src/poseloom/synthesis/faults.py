@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from poseloom.arrays import Array, Bools, Floats
-from poseloom.errors import SensorError
+from poseloom.errors import SensorError, unknown_name
 from poseloom.sensors.layout import SensorKind, SensorLayout
 from poseloom.synthesis.noise import Streams
 
@@ -155,3 +155,19 @@ def _errors(
         return np.asarray(grown[:, None] * readings.errors(fault, stream, 1))
     errors = readings.errors(fault, stream, len(times))
     return np.where((stream.random(len(times)) < fault.share)[:, None], errors, 0.0)
+
+
+def parse_fault(text: str) -> Fault:
+    """A fault from KIND:SENSOR:START:STOP, or with A+B as SENSOR for a swap. Raises SensorError."""
+    try:
+        kind, sensor, start, stop = text.split(":")
+        begin, end = float(start), float(stop)
+    except ValueError:
+        raise SensorError(
+            f"the fault {text!r} is not understood",
+            remedy="Write KIND:SENSOR:START:STOP with times in seconds, such as silent:leftHand:2:3",
+        ) from None
+    if kind not in set(FaultKind):
+        raise unknown_name("kind of fault", kind, list(FaultKind), SensorError)
+    first, _, other = sensor.partition("+")
+    return Fault(first, begin, end, FaultKind(kind), other=other)

@@ -8,7 +8,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.calibration.calibration import apply_calibration, read_calibration
-from poseloom.errors import ViewerError, unknown_name
+from poseloom.errors import ViewerError
 from poseloom.evaluation import profiles
 from poseloom.formats import read_motion
 from poseloom.formats.glb_reading import read_glb
@@ -16,7 +16,7 @@ from poseloom.formats.recording import read_recording
 from poseloom.library import MotionLibrary, open_library
 from poseloom.methods import make_method, needs_library, reconstruct
 from poseloom.methods.contract import Health, Reconstruction
-from poseloom.samples import sample_motions
+from poseloom.samples import SAMPLE_PREFIX, sample_motion
 from poseloom.sensors import Recording, SensorKind
 from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.contacts import contacts, floor_height
@@ -26,7 +26,6 @@ from poseloom.viewer.colours import METHODS, TRUTH, Colour
 MOST_FIGURES = 3
 """Truth and two others: more do not fit side by side on a screen."""
 
-SAMPLE_PREFIX = "sample:"
 _WITHOUT_LIBRARY = "inverse-kinematics"
 
 Progress = Callable[[str, int, int], None]
@@ -160,14 +159,10 @@ def position_errors_cm(take: Take, track: Track) -> tuple[Floats[Array, "frames"
 
 
 def _motion(name: str) -> Motion:
-    if not name.startswith(SAMPLE_PREFIX):
-        path = Path(name)
-        return read_glb(path) if path.suffix.lower() == ".glb" else read_motion(path)
-    known = sample_motions()
-    wanted = name.removeprefix(SAMPLE_PREFIX)
-    if wanted not in known:
-        raise unknown_name("sample motion", wanted, known, ViewerError)
-    return known[wanted]
+    if name.startswith(SAMPLE_PREFIX):
+        return sample_motion(name, ViewerError)
+    path = Path(name)
+    return read_glb(path) if path.suffix.lower() == ".glb" else read_motion(path)
 
 
 def _methods(recording: Recording | None, motions: Sequence[Motion], how: Wanted) -> tuple[str, ...]:

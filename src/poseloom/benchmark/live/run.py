@@ -8,7 +8,7 @@ from poseloom.benchmark.live.faults import measure_faults
 from poseloom.benchmark.live.fuzzing import measure_flood, measure_parsers
 from poseloom.benchmark.live.stage import stage
 from poseloom.evaluation.rows import Results, Row, motions_digest
-from poseloom.live.virtual import read_clip
+from poseloom.samples import sample_motion
 
 PARTS = ("endurance", "fast", "two", "faults", "packets")
 
@@ -52,7 +52,7 @@ def measure_live(plan: LivePlan, show: Callable[[str, int, int], None]) -> Resul
             rows += measure_fast_input(here, plan.short, show)
         if "endurance" in plan.parts:
             rows += measure_endurance(here, plan.endurance, show)
-    return Results("live", motions_digest([read_clip("sample:walk")]), tuple(rows))
+    return Results("live", motions_digest([sample_motion("walk")]), tuple(rows))
 
 
 def with_rows_of(results: Results, before: Results) -> Results:
