@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from poseloom.benchmark.flex.material import BY_SUBJECT, WITHIN
 from poseloom.benchmark.flex.trials import OURS
+from poseloom.benchmark.tables import markdown_table
 from poseloom.evaluation.rows import Results, Row
 from poseloom.methods.flex.angles import FLEX_JOINTS
 
@@ -93,7 +94,7 @@ def _ablation(rows: Sequence[Row]) -> str:
         for split in (BY_SUBJECT, WITHIN)
         if (row := next((each for each in mine if each.split == split), None)) is not None
     ]
-    return f"## Table 5: networks and ablation\n\n{'; '.join(counts)}.\n\n{_table(heads, lines)}"
+    return f"## Table 5: networks and ablation\n\n{'; '.join(counts)}.\n\n{markdown_table(heads, lines)}"
 
 
 def _seeds(rows: Iterable[Row], split: str) -> int:
@@ -120,8 +121,9 @@ def _paired(rows: Sequence[Row]) -> str:
         *("less jitter", "a sequence, ± over sequences"),
     )
     title = "## What the calibrator (C) and the median (M) bring, seed by seed and take by take"
-    return f"{title}\n\nPositive helps. M is causal; centred, as in the paper, it looks a sample ahead.\n\n" + _table(
-        heads, lines
+    return (
+        f"{title}\n\nPositive helps. M is causal; centred, as in the paper, it looks a sample ahead.\n\n"
+        + markdown_table(heads, lines)
     )
 
 
@@ -151,7 +153,7 @@ def _plain(rows: Sequence[Row], table: str, title: str, told: str) -> str:
         )
         for method, split in dict.fromkeys((row.method, row.split) for row in mine)
     ]  # fmt: skip
-    return f"{title}\n\n{told}\n\n{_table(('network', 'error, °', 'jitter'), lines)}"
+    return f"{title}\n\n{told}\n\n{markdown_table(('network', 'error, °', 'jitter'), lines)}"
 
 
 def _motions(rows: Sequence[Row]) -> str:
@@ -178,7 +180,7 @@ def _grouped(rows: Sequence[Row], table: str, title: str, what: str, papers: Map
             for group, sequences, frames in groups
         ]
         heads = (what, *(("paper",) if papers else ()), "sequences", "frames", *_SHOWN)
-        parts.append(f"{split.capitalize()}:\n\n{_table(heads, lines)}")
+        parts.append(f"{split.capitalize()}:\n\n{markdown_table(heads, lines)}")
     return "\n\n".join(parts) if len(parts) > 1 else ""
 
 
@@ -193,7 +195,7 @@ def _joints(rows: Sequence[Row]) -> str:
             cells += [_cell(mine, "3", method, split, "error_deg", joint) for method in _SHOWN]
         lines.append(tuple(cells))
     heads = ("joint", "paper", *(f"{split}: {method}" for split in (BY_SUBJECT, WITHIN) for method in _SHOWN))
-    return f"## Table 3: by joint\n\nMean over a joint's three angles.\n\n{_table(heads, lines)}"
+    return f"## Table 3: by joint\n\nMean over a joint's three angles.\n\n{markdown_table(heads, lines)}"
 
 
 def _lengths(rows: Sequence[Row]) -> str:
@@ -206,7 +208,7 @@ def _lengths(rows: Sequence[Row]) -> str:
         if figure(mine, "6", "Bi-LSTM-CM", WITHIN, "error_deg", f"{length} samples")
     ]
     heads = ("samples", "paper", "Bi-LSTM-CM, error, °")
-    return f"## Table 6: calibration length (within-sequence)\n\n{_table(heads, lines)}"
+    return f"## Table 6: calibration length (within-sequence)\n\n{markdown_table(heads, lines)}"
 
 
 def _ageing(rows: Sequence[Row]) -> str:
@@ -225,7 +227,7 @@ def _ageing(rows: Sequence[Row]) -> str:
         lines.append((method, setting, *shown, f"{sixty:.2f}"))
     heads = ("network", "normalised by", *minutes, "60 minutes over new")
     told = "Minutes of use before the session; within-sequence test, sensors that nobody trained on. Error (jitter)."
-    return f"## Ageing\n\n{told}\n\n{_table(heads, lines)}"
+    return f"## Ageing\n\n{told}\n\n{markdown_table(heads, lines)}"
 
 
 def _replaced(rows: Sequence[Row]) -> str:
@@ -245,7 +247,7 @@ def _replaced(rows: Sequence[Row]) -> str:
         "Both elbows' sensors exchanged for new ones in the middle of each tested person's session (by-subject). "
         "Error, and over the error of the same frames without that."
     )
-    return f"## A sensor replaced in mid-recording\n\n{told}\n\n{_table(('network', *settings), lines)}"
+    return f"## A sensor replaced in mid-recording\n\n{told}\n\n{markdown_table(('network', *settings), lines)}"
 
 
 def _faults(rows: Sequence[Row]) -> str:
@@ -258,7 +260,7 @@ def _faults(rows: Sequence[Row]) -> str:
         for method in dict.fromkeys(row.method for row in mine)
     ]
     told = "By-subject; one channel spoilt from beginning to end, mean over the four."
-    return f"## Channel faults\n\n{told}\n\n{_table(('network', *settings), lines)}"
+    return f"## Channel faults\n\n{told}\n\n{markdown_table(('network', *settings), lines)}"
 
 
 def _speed(rows: Sequence[Row]) -> str:
@@ -275,9 +277,4 @@ def _speed(rows: Sequence[Row]) -> str:
         "From counts to frame, onnxruntime, one thread. Wall time holds what other programs took of the processor; its "
         "own time is the thread's."
     )
-    return f"## Time per step\n\n{told}\n\n{_table(heads, lines)}"
-
-
-def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    rule = ["---"] * len(heads)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *lines))
+    return f"## Time per step\n\n{told}\n\n{markdown_table(heads, lines)}"

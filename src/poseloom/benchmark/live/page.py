@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
+from poseloom.benchmark.tables import markdown_table
 from poseloom.evaluation.rows import Results, Row
 
 
@@ -42,8 +43,8 @@ def _long(rows: Sequence[Row], name: str) -> str:
     metrics = ("p50_ms", "p95_ms", "p99_ms", "memory_mb", "load")
     told = [(setting, *_cells(by_time, setting, metrics)) for setting in settings]
     return (
-        f"## {name[0].upper() + name[1:]}\n\n{_table(('what', 'target', 'reached', ''), lines)}\n\n"
-        f"{_table(('stretch', 'p50, ms', 'p95, ms', 'p99, ms', 'memory, MB', 'load'), told)}"
+        f"## {name[0].upper() + name[1:]}\n\n{markdown_table(('what', 'target', 'reached', ''), lines)}\n\n"
+        f"{markdown_table(('stretch', 'p50, ms', 'p95, ms', 'p99, ms', 'memory, MB', 'load'), told)}"
     )
 
 
@@ -56,7 +57,7 @@ def _wide(rows: Sequence[Row], table: str, title: str) -> str:
     for method in dict.fromkeys(row.method for row in mine):
         own = {row.metric: row.value for row in mine if row.method == method}
         lines.append((method, *(_number(own[metric]) if metric in own else "" for metric in metrics)))
-    return f"## {title}\n\n{_table(('what', *(m.replace('_', ' ') for m in metrics)), lines)}"
+    return f"## {title}\n\n{markdown_table(('what', *(m.replace('_', ' ') for m in metrics)), lines)}"
 
 
 def _faults(rows: Sequence[Row]) -> str:
@@ -70,7 +71,7 @@ def _faults(rows: Sequence[Row]) -> str:
             if row.method == method
         )
         lines.append((method, told))
-    return f"## Faults\n\n{_table(('fault', 'what became of it'), lines)}" if lines else ""
+    return f"## Faults\n\n{markdown_table(('fault', 'what became of it'), lines)}" if lines else ""
 
 
 def _packets(rows: Sequence[Row]) -> str:
@@ -80,7 +81,7 @@ def _packets(rows: Sequence[Row]) -> str:
         own = [row for row in mine if (row.method, row.setting) == (method, setting)]
         told = ", ".join(f"{row.metric.replace('_', ' ')} {_number(row.value)}" for row in own)
         lines.append((method, setting, told))
-    return f"## Packets\n\n{_table(('into', 'what', 'what became of them'), lines)}" if lines else ""
+    return f"## Packets\n\n{markdown_table(('into', 'what', 'what became of them'), lines)}" if lines else ""
 
 
 def _cells(rows: Iterable[Row], setting: str, metrics: Sequence[str]) -> list[str]:
@@ -94,8 +95,3 @@ def _met(met: bool) -> str:
 
 def _number(value: float) -> str:
     return f"{value:,.0f}" if value == int(value) else f"{value:,.2f}"
-
-
-def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    rule = ["---"] * len(heads)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *lines))

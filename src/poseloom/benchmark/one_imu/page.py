@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from poseloom.benchmark.one_imu.accuracy import ALL, COVERED
 from poseloom.benchmark.one_imu.plan import FOOT, FOOT_AND_HAND, METHODS, OURS, PLACEMENTS
 from poseloom.benchmark.one_imu.sequences import BEHAVIOURS
+from poseloom.benchmark.tables import figure_of, markdown_table
 from poseloom.evaluation.rows import Results, Row
 
 ERROR = "joint_position_cm"
@@ -77,7 +78,7 @@ def _accuracy(rows: Sequence[Row], what: str) -> str:
             if paper is not None and any(cells) and method != "phase-hmm-paper":
                 told = [_PAPERS_TABLE_THREE[b][paper] if m == "specialist" or b == "all" else None for m, b in columns]
                 lines.append(("", f"*{method} in the paper*", *("" if t is None else f"*{t:.2f}*" for t in told)))
-    return _table(("sensors", "method", *(f"{behaviour}, {model}" for model, behaviour in columns)), lines)
+    return markdown_table(("sensors", "method", *(f"{behaviour}, {model}" for model, behaviour in columns)), lines)
 
 
 def _other(rows: Sequence[Row]) -> str:
@@ -98,7 +99,7 @@ def _other(rows: Sequence[Row]) -> str:
     ]
     if not lines:
         return ""
-    return f"Other measures of the joint model, {COVERED}:\n\n" + _table(
+    return f"Other measures of the joint model, {COVERED}:\n\n" + markdown_table(
         ("sensors", "method", *(label for _, label, _ in metrics)), lines
     )
 
@@ -117,7 +118,7 @@ def _subject(rows: Sequence[Row]) -> str:
         for method in METHODS
         if _cell(mine, method, f"{sensors}, joint, all, {ALL}")
     ]
-    return f"## Table 3 by-subject: the joint model\n\n{_counts(mine, ALL)}\n\n" + _table(
+    return f"## Table 3 by-subject: the joint model\n\n{_counts(mine, ALL)}\n\n" + markdown_table(
         ("sensors", "method", *BEHAVIOURS, "all"), lines
     )
 
@@ -136,7 +137,7 @@ def _ten(rows: Sequence[Row]) -> str:
         for method in (OURS, "nearest-window")
         if _cell(mine, method, f"{placement}-imu, joint, all, {COVERED}")
     ]
-    return f"## Figure 10: where the sensor is worn ({COVERED}, by-sequence)\n\n" + _table(
+    return f"## Figure 10: where the sensor is worn ({COVERED}, by-sequence)\n\n" + markdown_table(
         ("place", "method", *BEHAVIOURS, "all"), lines
     )
 
@@ -162,7 +163,7 @@ def _two(rows: Sequence[Row]) -> str:
         lines.append((setting, "" if paper is None else str(paper), *cells))
     heads = ("motions", "paper, frames/s", "segments", "p50, ms", "p99, ms", "frames/s", "nearest window p99, ms")
     told = "One thread; of each step the least of three runs, so that other work on the machine does not count."
-    return f"## Table 2: a step by the size of the library\n\n{told}\n\n{_table(heads, lines)}"
+    return f"## Table 2: a step by the size of the library\n\n{told}\n\n{markdown_table(heads, lines)}"
 
 
 def _transitions(rows: Sequence[Row]) -> str:
@@ -194,7 +195,7 @@ def _transitions(rows: Sequence[Row]) -> str:
         "Half a second before and after. idle-walk and walk-idle as recorded, the others put together from two takes "
         "by a motion graph's blend, which is their truth. One sensor on the right foot."
     )
-    return f"## Transitions\n\n{told}\n\n{_table(heads, lines)}"
+    return f"## Transitions\n\n{told}\n\n{markdown_table(heads, lines)}"
 
 
 def _phases(rows: Sequence[Row]) -> str:
@@ -206,7 +207,7 @@ def _phases(rows: Sequence[Row]) -> str:
         (setting.split(", ")[-1], *(_cell(mine, OURS, setting, metric, 0) for metric in metrics))
         for setting in dict.fromkeys(row.setting for row in mine)
     ]
-    return "## Phases told live, against those of the true motion\n\n" + _table(
+    return "## Phases told live, against those of the true motion\n\n" + markdown_table(
         (
             "motions",
             *(metric.replace("_", " ").replace(" percent", ", %").replace(" ms", ", ms") for metric in metrics),
@@ -236,7 +237,8 @@ def _dropouts(rows: Sequence[Row]) -> str:
         "Silence from 0.8 s to 1.8 s. A jump is a joint's movement from frame to frame, seen from the hips, that the "
         "truth does not make."
     )
-    return f"## Drop-outs of one second\n\n{told}\n\n{_table(('sensors', 'method', *(n for _, n in metrics)), lines)}"
+    heads = ("sensors", "method", *(name for _, name in metrics))
+    return f"## Drop-outs of one second\n\n{told}\n\n{markdown_table(heads, lines)}"
 
 
 def _walk(rows: Sequence[Row]) -> str:
@@ -246,7 +248,7 @@ def _walk(rows: Sequence[Row]) -> str:
     metrics = list(dict.fromkeys(row.metric for row in mine))
     methods = list(dict.fromkeys(row.method for row in mine))
     lines = [(metric.replace("_", " "), *(_first(mine, method, metric) for method in methods)) for metric in metrics]
-    return "## The real walk: the right foot's sensor alone\n\n" + _table(("figure", *methods), lines)
+    return "## The real walk: the right foot's sensor alone\n\n" + markdown_table(("figure", *methods), lines)
 
 
 def _sweep(rows: Sequence[Row]) -> str:
@@ -260,14 +262,16 @@ def _sweep(rows: Sequence[Row]) -> str:
         (
             method,
             f"**{setting.partition(', ')[2]}**" if table == "chosen" else setting.partition(", ")[2],
-            *(_figure(some[metric], digits) if metric in some else ""
+            *(figure_of(some[metric], digits) if metric in some else ""
               for metric, digits in (("mean_over_behaviours_cm", 2), (ERROR, 2), ("jitter_over_truth", 1))),
         )
         for (table, method, setting), some in found.items()
     ]  # fmt: skip
     return (
         "## Choosing the comparators' settings (validation sequences, one sensor; the chosen ones in bold)\n\n"
-        + _table(("method", "settings", "mean of behaviours", "mean of frames", "jitter over the truth's"), lines)
+        + markdown_table(
+            ("method", "settings", "mean of behaviours", "mean of frames", "jitter over the truth's"), lines
+        )
     )
 
 
@@ -282,19 +286,9 @@ def _counts(rows: Sequence[Row], what: str) -> str:
 
 
 def _first(rows: Iterable[Row], method: str, metric: str) -> str:
-    return next((_figure(r) for r in rows if r.method == method and r.metric == metric), "")
+    return next((figure_of(r) for r in rows if r.method == method and r.metric == metric), "")
 
 
 def _cell(rows: Iterable[Row], method: str, setting: str, metric: str = ERROR, digits: int = 2) -> str:
     own = (r for r in rows if r.method == method and r.setting == setting and r.metric == metric)
-    return next((_figure(row, digits) for row in own), "")
-
-
-def _figure(row: Row, digits: int = 2) -> str:
-    spread = "" if row.spread is None else f" ± {row.spread:.{digits}f}"
-    return f"{row.value:.{digits}f}{spread}"
-
-
-def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    rule = ["---"] * len(heads)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *lines))
+    return next((figure_of(row, digits) for row in own), "")

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from poseloom.benchmark.one_imu.alignment_check import PLACES
 from poseloom.benchmark.one_imu.bands import BANDS_HZ
+from poseloom.benchmark.tables import figure_of, markdown_table
 from poseloom.evaluation.rows import Results, Row
 
 _LEG_METRICS = (
@@ -48,7 +49,7 @@ def _bands(rows: Sequence[Row]) -> str:
     heads = ("sensor", "of", *(f"{low:g} to {high:g} Hz" for low, high in BANDS_HZ))
     return (
         "## Where the signal lies\n\nRoot mean square of the specific force in walking, m/s², by frequency: of a real "
-        f"sensor, and of virtual ones on {mine[-1].sequences} recorded walks.\n\n{_table(heads, lines)}"
+        f"sensor, and of virtual ones on {mine[-1].sequences} recorded walks.\n\n{markdown_table(heads, lines)}"
     )
 
 
@@ -75,7 +76,7 @@ def _simulated(rows: Sequence[Row]) -> str:
     heads = ("sensor", "tilt, degrees", "heading, degrees", "most", "backwards", "refused")
     return (
         f"## Alignment of virtual sensors, turned anyhow\n\n{walks} walks, mean ± standard deviation of the error of "
-        f"`R_bone_sensor`; headings of those that are not backwards.\n\n{_table(heads, lines)}"
+        f"`R_bone_sensor`; headings of those that are not backwards.\n\n{markdown_table(heads, lines)}"
     )
 
 
@@ -97,7 +98,7 @@ def _real(rows: Sequence[Row]) -> str:
         *("sensor", "tilt, degrees", "heading, degrees", "heading of the axis of turning, by cameras alone"),
         "what cameras and sensor disagree by",
     )
-    return f"## Alignment of real sensors, against cameras\n\n{_table(heads, lines)}"
+    return f"## Alignment of real sensors, against cameras\n\n{markdown_table(heads, lines)}"
 
 
 def _walk(rows: Sequence[Row]) -> str:
@@ -117,7 +118,7 @@ def _walk(rows: Sequence[Row]) -> str:
     return (
         f"## A real walk, legs against cameras\n\n{mine[0].frames} frames at 60 Hz. Distances of joints from the "
         "cameras', place and heading of the hips removed; flexions in degrees: mean difference (without its mean, "
-        f"correlation).\n\n{_table(heads, lines)}"
+        f"correlation).\n\n{markdown_table(heads, lines)}"
     )
 
 
@@ -138,18 +139,10 @@ def _cadence(rows: Sequence[Row]) -> str:
     heads = ("recording", "windows that walk", "signal, steps/min", "within 5 %, share", "median difference, steps/min")
     return (
         f"## Cadence of other recordings\n\nOf `{mine[0].method}`, one sensor on a foot; windows of five seconds in "
-        f"which the signal repeats itself.\n\n{_table(heads, lines)}"
+        f"which the signal repeats itself.\n\n{markdown_table(heads, lines)}"
     )
 
 
 def _cell(rows: Iterable[Row], setting: str, metric: str, digits: int = 2) -> str:
     found = next((row for row in rows if (row.setting, row.metric) == (setting, metric)), None)
-    if found is None:
-        return ""
-    spread = "" if found.spread is None else f" ± {found.spread:.{digits}f}"
-    return f"{found.value:.{digits}f}{spread}"
-
-
-def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    rule = ["---"] * len(heads)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *lines))
+    return "" if found is None else figure_of(found, digits)

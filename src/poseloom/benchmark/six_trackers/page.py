@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from poseloom.benchmark.six_trackers.plan import CONTESTANTS, OURS, PAPERS
+from poseloom.benchmark.tables import figure_of, markdown_table
 from poseloom.evaluation.rows import Results, Row
 from poseloom.formats.atomic import atomic_file
 
@@ -71,7 +72,9 @@ def _tried(rows: Sequence[Row], tables: set[str]) -> str:
     lines = [
         (method, setting, *(f"{some[metric].value:.2f}" for metric in metrics)) for (method, setting), some in ranked
     ]
-    return _table(("method", "what differs from the settings before", "degrees", "jitter / truth's", "cm"), lines)
+    return markdown_table(
+        ("method", "what differs from the settings before", "degrees", "jitter / truth's", "cm"), lines
+    )
 
 
 def _two(rows: Sequence[Row]) -> str:
@@ -100,12 +103,13 @@ def _two(rows: Sequence[Row]) -> str:
                 and r.setting.endswith(subset)
                 and (_size(r) == "no library" or (_size(r) == size and r.split == split))
             ]
-            cells.append(_figure(own[0]) if own else "")
+            cells.append(figure_of(own[0]) if own else "")
         lines.append(tuple(cells))
     counts = {row.setting.split(", ")[-1]: f"{row.sequences} sequences, {row.frames:,} frames" for row in mine}
     told = "; ".join(f"{subset}: {count}" for subset, count in counts.items())
-    return f"## Table 2: methods and library sizes\n\n{told}.\n\n{_table(heads, lines)}\n\n{_ratios(mine, sizes)}" + (
-        f"\n\n{_other_metrics(rows, sizes)}"
+    return (
+        f"## Table 2: methods and library sizes\n\n{told}.\n\n{markdown_table(heads, lines)}\n\n{_ratios(mine, sizes)}"
+        + (f"\n\n{_other_metrics(rows, sizes)}")
     )
 
 
@@ -121,10 +125,10 @@ def _other_metrics(rows: Sequence[Row], sizes: Sequence[str]) -> str:
                 if r.table == "2" and r.metric == metric and r.method == contestant.label
                 and _size(r) in (sizes[0], "no library") and r.split == "by-sequence" and r.setting.endswith("covered")
             ]  # fmt: skip
-            cells.append(_figure(own[0]) if own else "")
+            cells.append(figure_of(own[0]) if own else "")
         lines.append(tuple(cells))
     heads = ("method", "joint rotation, °", "joint position, cm", "jitter over the truth's")
-    return f"Other measures, {sizes[0]}, by-sequence, densely covered:\n\n{_table(heads, lines)}"
+    return f"Other measures, {sizes[0]}, by-sequence, densely covered:\n\n{markdown_table(heads, lines)}"
 
 
 def _ratios(mine: Sequence[Row], sizes: Sequence[str]) -> str:
@@ -148,7 +152,7 @@ def _ratios(mine: Sequence[Row], sizes: Sequence[str]) -> str:
                     )
                 )
     heads = ("library", "over", OURS, PAPERS, "to reach")
-    return f"Ratios on the densely covered sequences, by-sequence:\n\n{_table(heads, lines)}"
+    return f"Ratios on the densely covered sequences, by-sequence:\n\n{markdown_table(heads, lines)}"
 
 
 def _five(rows: Sequence[Row]) -> str:
@@ -165,10 +169,15 @@ def _five(rows: Sequence[Row]) -> str:
                 if row.method == method and row.setting.endswith(f", {behaviour}")
             }
             lines.append(
-                (method, behaviour, str(own[channels[0]].sequences), *(_figure(own[channel]) for channel in channels))
+                (
+                    method,
+                    behaviour,
+                    str(own[channels[0]].sequences),
+                    *(figure_of(own[channel]) for channel in channels),
+                )
             )
     title = f"## Figure 5: what the sensors tell ({_size(mine[0])}, by-sequence)"
-    return f"{title}\n\n{_table(('method', 'behaviour', 'sequences', *channels), lines)}"
+    return f"{title}\n\n{markdown_table(('method', 'behaviour', 'sequences', *channels), lines)}"
 
 
 def _three(rows: Sequence[Row]) -> str:
@@ -179,7 +188,7 @@ def _three(rows: Sequence[Row]) -> str:
     metrics = ("joint_angle_deg", "joint_rotation_deg", "joint_position_cm", "jitter_over_truth")
     lines = [(method, setting, *_cells(mine, method, setting, metrics)) for method, setting in settings]
     heads = ("method", "on", "joint angle, °", "joint rotation, °", "joint position, cm", "jitter over the truth's")
-    return f"## Three trackers: head and hands alone, by-sequence\n\n{_table(heads, lines)}"
+    return f"## Three trackers: head and hands alone, by-sequence\n\n{markdown_table(heads, lines)}"
 
 
 def _faults(rows: Sequence[Row]) -> str:
@@ -197,15 +206,15 @@ def _faults(rows: Sequence[Row]) -> str:
         f"One sensor fails from second 1 to second 2, {count} sequences for each sensor and fault, {_size(mine[0])}. "
         "A jump is a joint's movement from one frame to the next that the truth does not make."
     )
-    return f"## Recovery after faults\n\n{told}\n\n{_table(('fault', *(n for _, n in _FAULT_COLUMNS)), lines)}"
+    return f"## Recovery after faults\n\n{told}\n\n{markdown_table(('fault', *(n for _, n in _FAULT_COLUMNS)), lines)}"
 
 
 def _search(rows: Sequence[Row]) -> str:
     mine = [row for row in rows if row.table == "search"]
     if not mine:
         return ""
-    lines = [(row.setting, row.metric.replace("_", " "), _figure(row, 3)) for row in mine]
-    return f"## Search against exact search\n\n{_table(('library', 'what', 'value'), lines)}"
+    lines = [(row.setting, row.metric.replace("_", " "), figure_of(row, 3)) for row in mine]
+    return f"## Search against exact search\n\n{markdown_table(('library', 'what', 'value'), lines)}"
 
 
 def _speed(rows: Sequence[Row]) -> str:
@@ -216,7 +225,7 @@ def _speed(rows: Sequence[Row]) -> str:
         (row.method, row.setting, row.metric.replace("_", " "), f"{row.value:.2f}", str(row.frames)) for row in mine
     ]
     heads = ("method", "library", "what", "value", "steps")
-    return f"## Speed: one thread, nothing left out\n\n{_table(heads, lines)}"
+    return f"## Speed: one thread, nothing left out\n\n{markdown_table(heads, lines)}"
 
 
 def _one(rows: Sequence[Row]) -> str:
@@ -237,12 +246,12 @@ def _one(rows: Sequence[Row]) -> str:
         f"{mine[0].sequences} simulated people, each left out of the size model. The paper: 1.2 % and 1.6 % mean bone "
         "error for two people, worst bone 5.2 %; 13.8 % and 22.1 % uncalibrated."
     )
-    return f"## Table 1: calibration\n\n{told}\n\n{_table(heads, lines)}"
+    return f"## Table 1: calibration\n\n{told}\n\n{markdown_table(heads, lines)}"
 
 
 def _cells(rows: Iterable[Row], method: str, setting: str, metrics: Sequence[str]) -> list[str]:
     own = {row.metric: row for row in rows if row.method == method and row.setting == setting}
-    return [_figure(own[metric]) if metric in own else "" for metric in metrics]
+    return [figure_of(own[metric]) if metric in own else "" for metric in metrics]
 
 
 def _size(row: Row) -> str:
@@ -254,13 +263,3 @@ def _size(row: Row) -> str:
 
 def _after_size(setting: str) -> str:
     return setting.partition(" poses, ")[2] or setting
-
-
-def _figure(row: Row, digits: int = 2) -> str:
-    spread = "" if row.spread is None else f" ± {row.spread:.{digits}f}"
-    return f"{row.value:.{digits}f}{spread}"
-
-
-def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    rule = ["---"] * len(heads)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *lines))
