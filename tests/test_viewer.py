@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import viser
 import websockets.exceptions
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from websockets.datastructures import Headers
 from websockets.http11 import Request
@@ -129,6 +129,18 @@ def test_no_request_upsets_the_guard_or_guesses_its_way_in(path: str, cookie: st
     answer = Access("not to be guessed", local=False).answer(Request("/" + path, Headers(Host=host, Cookie=cookie)))
     assert answer is not None
     assert answer.status_code in (401, 403)
+
+
+@given(HEADER_TEXT, HEADER_TEXT, HEADER_TEXT)
+@example("/[", "", "")
+@example("", "[", "")
+@example("", "localhost:8080", "http://[")
+@settings(max_examples=60, deadline=None)
+def test_no_address_upsets_either_guard(path: str, host: str, origin: str):
+    asked = Request("/" + path, Headers(Host=host, Origin=origin))
+    assert Access("not to be guessed", local=False).answer(asked) is not None
+    if origin != f"http://{host}":
+        assert Access("", local=True).answer(asked) is not None
 
 
 def test_every_viewer_has_a_token_of_its_own():

@@ -11,7 +11,7 @@ import ipaddress
 import secrets
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
@@ -43,9 +43,9 @@ class Access:
         """
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
-        if self.local and not _is_local(urlsplit(f"//{host}").hostname or ""):
+        if self.local and not _is_local(_split(f"//{host}").hostname or ""):
             return _refuse(http.HTTPStatus.FORBIDDEN)
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and _split(origin).netloc != host:
             return _refuse(http.HTTPStatus.FORBIDDEN)
         if not self.token or self._knows(_cookie(request, cookie_name(host))):
             return None
@@ -96,7 +96,15 @@ def _cookie(request: Request, name: str) -> str:
 
 
 def _token_of(request: Request) -> str:
-    return parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+    return parse_qs(_split(request.path).query).get("token", [""])[0]
+
+
+def _split(address: str) -> SplitResult:
+    """The parts of an address; of one that is none, nothing."""
+    try:
+        return urlsplit(address)
+    except ValueError:
+        return urlsplit("")
 
 
 def _refuse(status: http.HTTPStatus) -> Response:
