@@ -1,10 +1,8 @@
 """The HTML report in a real browser, and the still pictures."""
 
 import base64
-import importlib.util
 import json
 import re
-import shutil
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from browsing import chromium, open_browser
 from poseloom.errors import PoseloomError
 from poseloom.evaluation.results import MethodResult, SequenceResult, compare, mean_over_sequences
 from poseloom.report import page_data
@@ -23,18 +22,6 @@ from poseloom.skeleton.mannequin import limbs
 from poseloom.skeleton.motion import Motion, make_motion
 
 RATE = 40.0
-FLAGS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 
 
 def column(bone: str, axis: int) -> int:
@@ -216,17 +203,6 @@ def test_a_sequence_is_drawn_over_the_time_that_all_methods_speak_of(sequences: 
 # --- in a browser ----------------------------------------------------------------------------------------------------
 
 
-def chromium() -> str:
-    """A Chromium on this machine; skips where there is none."""
-    if importlib.util.find_spec("playwright") is None:
-        pytest.skip("playwright is not installed (the extra dev has it)")
-    for name in ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"):
-        found = shutil.which(name)
-        if found:
-            return found
-    pytest.skip("no chromium on this machine")
-
-
 class Browser:
     """A page, and whatever it complained of or asked the network for."""
 
@@ -271,17 +247,11 @@ class Browser:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    executable = chromium()
+    chromium()  # or skip
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        context = playwright.chromium.launch_persistent_context(
-            tmp_path_factory.mktemp("profile"),
-            executable_path=executable,
-            args=FLAGS,
-            headless=True,
-            viewport={"width": 1280, "height": 800},
-        )
+        context = open_browser(playwright, tmp_path_factory.mktemp("profile"), 1280, 800)
         yield Browser(context.pages[0])
         context.close()
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from poseloom.cli._measured import DATA_VARIABLE
 from poseloom.cli._progress import progress_bars
 from poseloom.cli.flex import add_benchmark_commands
 from poseloom.cli.live_benchmark import add_commands as add_live
@@ -15,8 +16,6 @@ from poseloom.errors import PoseloomError
 
 if TYPE_CHECKING:
     from poseloom.benchmark.core import Measurement
-
-_DATA_VARIABLE = "POSELOOM_DATA"
 
 
 def register(app: typer.Typer) -> None:
@@ -43,7 +42,7 @@ def core(
         Path | None,
         typer.Option(
             "--data",
-            envvar=_DATA_VARIABLE,
+            envvar=DATA_VARIABLE,
             help="Folder of real recordings for the library; the built-in motions without it.",
         ),
     ] = None,
@@ -59,7 +58,7 @@ def core(
 
     if data is not None and not data.is_dir():
         raise PoseloomError(
-            "no such folder", remedy=f"Give --data (or {_DATA_VARIABLE}) a folder of motion files", file=data
+            "no such folder", remedy=f"Give --data (or {DATA_VARIABLE}) a folder of motion files", file=data
         )
     motions = None if data is None else data / "mocap" if (data / "mocap").is_dir() else data
     with progress_bars() as show:

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from poseloom.cli._measured import DATA_VARIABLE, recordings_of, running_commit
 from poseloom.cli._progress import progress_bars
 from poseloom.errors import PoseloomError
 
 if TYPE_CHECKING:
     from poseloom.evaluation.rows import Row
 
-_DATA_VARIABLE = "POSELOOM_DATA"
 _Library = Annotated[Path, typer.Option("--library", "-l", help="Folder of a motion library at 50 poses a second.")]
 _Output = Annotated[Path, typer.Option("--output", "-o", metavar="MODEL", help="The model to write (.npz).")]
 _Epochs = Annotated[int | None, typer.Option(min=1, help="The most epochs.")]
@@ -99,9 +99,7 @@ def _fit(
 def benchmark_flex(
     data: Annotated[
         Path | None,
-        typer.Option(
-            "--data", envvar=_DATA_VARIABLE, help="Folder of the recordings that the benchmark is defined on."
-        ),
+        typer.Option("--data", envvar=DATA_VARIABLE, help="Folder of the recordings that the benchmark is defined on."),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="All parts at a small size; figures mean little.")] = False,
     work: Annotated[
@@ -124,12 +122,7 @@ def benchmark_flex(
     import tempfile
 
     _require_torch()
-    if data is None or not data.is_dir():
-        raise PoseloomError(
-            "no folder of recordings was given" if data is None else "no such folder",
-            remedy=f"Give --data (or {_DATA_VARIABLE}) the folder that holds mocap/",
-            file=data,
-        )
+    recordings = recordings_of(data)
     from dataclasses import replace
 
     from poseloom.benchmark.flex.material import BY_SUBJECT, WITHIN
@@ -138,16 +131,15 @@ def benchmark_flex(
 
     with tempfile.TemporaryDirectory() as temporary, progress_bars() as show:
         folder = work or Path(temporary)
-        plan = Plan(data, folder)
+        plan = Plan(recordings, folder)
         plan = replace(plan, seeds={WITHIN: seeds, BY_SUBJECT: subject_seeds}, length_seeds=length_seeds)
-        results = run_flex(quick_plan(data, folder) if quick else plan, show)
+        results = run_flex(quick_plan(recordings, folder) if quick else plan, show)
     _show(results.rows)
     if json is not None:
         write_results(results, json)
     if markdown is not None:
         from poseloom.benchmark.flex.page import flex_figures
         from poseloom.benchmark.six_trackers.page import write_figures
-        from poseloom.cli.six_trackers import running_commit
 
         write_figures(markdown, flex_figures(results, running_commit()), "Four flex sensors")
     if picture is not None:

@@ -1,12 +1,12 @@
 """`poseloom benchmark live`: what the live path promises, measured."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from poseloom.cli._measured import running_commit
 from poseloom.cli._progress import progress_bars
 from poseloom.errors import unknown_name
 
@@ -55,20 +55,9 @@ def live(
         results = measure_live(plan, show)
     if json is not None and json.is_file():
         results = with_rows_of(results, read_results(json))
-    figures = live_figures(results, _commit())
+    figures = live_figures(results, running_commit())
     Console().print(Markdown(figures))
     if json is not None:
         write_results(results, json)
     if markdown is not None:
         write_figures(markdown, figures, "Live")
-
-
-def _commit() -> str:
-    """The commit that the program runs from, if it runs from one."""
-    import subprocess
-
-    answer = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        capture_output=True, text=True, check=False, cwd=Path(os.path.realpath(__file__)).parent,
-    )  # fmt: skip
-    return answer.stdout.strip() if answer.returncode == 0 else "unknown"

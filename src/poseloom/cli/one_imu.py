@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from poseloom.cli._measured import DATA_VARIABLE, recordings_of, rows_table, running_commit
 from poseloom.cli._progress import progress_bars
 
 if TYPE_CHECKING:
-    from poseloom.evaluation.rows import Row
+    pass
 
 _SHOWN = frozenset(
     {
@@ -24,6 +25,8 @@ _SHOWN = frozenset(
     }
 )
 
+_TITLES = {"3": "table 3", "10": "figure 10", "2": "table 2"}
+
 
 def add_commands(benchmarks: typer.Typer) -> None:
     """Adds the command to the group `benchmark`."""
@@ -33,9 +36,7 @@ def add_commands(benchmarks: typer.Typer) -> None:
 def one_imu(
     data: Annotated[
         Path | None,
-        typer.Option(
-            "--data", envvar="POSELOOM_DATA", help="Folder of the recordings that the benchmark is defined on."
-        ),
+        typer.Option("--data", envvar=DATA_VARIABLE, help="Folder of the recordings that the benchmark is defined on."),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="An honest subset, within a minute.")] = False,
     json: Annotated[Path | None, typer.Option("--json", help="File for the figures as rows.")] = None,
@@ -68,7 +69,6 @@ def one_imu(
     from poseloom.benchmark.one_imu.plan import METHODS, PARTS, Plan
     from poseloom.benchmark.one_imu.run import run_one_imu
     from poseloom.benchmark.six_trackers.page import write_figures
-    from poseloom.cli.six_trackers import recordings_of, running_commit
     from poseloom.errors import unknown_name
     from poseloom.evaluation.rows import write_results
     from poseloom.formats.atomic import atomic_file
@@ -85,7 +85,8 @@ def one_imu(
     with progress_bars() as show:
         results = run_one_imu(plan, show)
     for name in dict.fromkeys(row.table for row in results.rows):
-        console.print(_table(name, [row for row in results.rows if row.table == name]))
+        mine = [row for row in results.rows if row.table == name]
+        console.print(rows_table(_TITLES.get(name, name), mine, _SHOWN.__contains__))
     console.print(f"data digest {results.data_digest[:16]}, seed {seed}", highlight=False)
     if json is not None:
         write_results(results, json)
@@ -96,23 +97,3 @@ def one_imu(
 
         with atomic_file(picture) as file:
             file.write_text(placements_svg(results.rows), encoding="utf-8")
-
-
-def _table(name: str, rows: "list[Row]") -> object:
-    from rich import box
-    from rich.table import Table
-
-    titles = {"3": "table 3", "10": "figure 10", "2": "table 2"}
-    table = Table(
-        "method", "on", "split", "metric", title=titles.get(name, name), box=box.SIMPLE_HEAD, title_justify="left"
-    )
-    for column in ("value", "± over sequences", "sequences", "frames"):
-        table.add_column(column, justify="right")
-    for row in rows:
-        if row.metric in _SHOWN:
-            spread = "" if row.spread is None else f"{row.spread:.2f}"
-            table.add_row(
-                row.method, row.setting, row.split, row.metric, f"{row.value:.2f}", spread, str(row.sequences),
-                f"{row.frames:,}",
-            )  # fmt: skip
-    return table

@@ -5,14 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from poseloom.cli._measured import DATA_VARIABLE, running_commit
 from poseloom.cli._progress import progress_bars
-from poseloom.cli.six_trackers import running_commit
 from poseloom.errors import PoseloomError, unknown_name
 
 if TYPE_CHECKING:
     from poseloom.benchmark.one_imu.real_imus import RealOutcome
-
-_DATA_VARIABLE = "POSELOOM_DATA"
 
 
 def add_commands(benchmarks: typer.Typer) -> None:
@@ -23,7 +21,7 @@ def add_commands(benchmarks: typer.Typer) -> None:
 def real_imus(
     data: Annotated[
         Path | None,
-        typer.Option("--data", envvar=_DATA_VARIABLE, help="Folder of the recordings: imu/ and mocap/."),
+        typer.Option("--data", envvar=DATA_VARIABLE, help="Folder of the recordings: imu/ and mocap/."),
     ] = None,
     method: Annotated[
         list[str] | None, typer.Option(help="Methods of the walk with truth; may be repeated. Default: phase-hmm.")
@@ -57,7 +55,7 @@ def real_imus(
     if data is None or not (data / "imu").is_dir():
         raise PoseloomError(
             "no folder of recordings was given" if data is None else "this folder holds no imu/",
-            remedy=f"Give --data (or {_DATA_VARIABLE}) the folder that holds imu/ and mocap/",
+            remedy=f"Give --data (or {DATA_VARIABLE}) the folder that holds imu/ and mocap/",
             file=data,
         )
     for name in method or ():

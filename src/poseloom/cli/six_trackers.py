@@ -1,21 +1,19 @@
 """`poseloom benchmark libraries`, `sweep` and `six-trackers`: the six-sensor paper's experiments."""
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from poseloom.cli._measured import DATA_VARIABLE, recordings_of, rows_table, running_commit
 from poseloom.cli._progress import progress_bars
-from poseloom.errors import PoseloomError
 
 if TYPE_CHECKING:
-    from poseloom.evaluation.rows import Row
+    pass
 
-_DATA_VARIABLE = "POSELOOM_DATA"
 _Data = Annotated[
     Path | None,
-    typer.Option("--data", envvar=_DATA_VARIABLE, help="Folder of the recordings that the benchmark is defined on."),
+    typer.Option("--data", envvar=DATA_VARIABLE, help="Folder of the recordings that the benchmark is defined on."),
 ]
 _Json = Annotated[Path | None, typer.Option("--json", help="File for the figures as rows.")]
 _Markdown = Annotated[
@@ -30,6 +28,13 @@ _SHOWN_METRICS = frozenset(
         *("sensor_offset_cm", "sensor_turn_deg"),
     }
 )
+
+
+_TITLES = {"2": "table 2", "5": "figure 5", "1": "table 1: calibration", "search": "search against exact search"}
+
+
+def _is_shown(metric: str) -> bool:
+    return metric in _SHOWN_METRICS or metric.startswith("recall")
 
 
 def add_commands(benchmarks: typer.Typer) -> None:
@@ -150,7 +155,8 @@ def six_trackers(
         outcome = run_six_trackers(plan, show, sizes)
     console = Console()
     for name in dict.fromkeys(row.table for row in outcome.results.rows):
-        console.print(_table(name, [row for row in outcome.results.rows if row.table == name]))
+        mine = [row for row in outcome.results.rows if row.table == name]
+        console.print(rows_table(_TITLES.get(name, name), mine, _is_shown))
     console.print(f"data digest {outcome.results.data_digest[:16]}, seed {seed}", highlight=False)
     if json is not None:
         write_results(outcome.results, json)
@@ -165,45 +171,3 @@ def six_trackers(
 
         with atomic_file(picture) as file:
             file.write_text(error_curves_svg(outcome.curves), encoding="utf-8")
-
-
-def recordings_of(data: Path | None) -> Path:
-    """The folder of the recordings. Raises PoseloomError where none was given or there is none."""
-    if data is None or not data.is_dir():
-        raise PoseloomError(
-            "no folder of recordings was given" if data is None else "no such folder",
-            remedy=f"Give --data (or {_DATA_VARIABLE}) the folder that holds mocap/",
-            file=data,
-        )
-    return data
-
-
-def _table(name: str, rows: "list[Row]") -> object:
-    from rich import box
-    from rich.table import Table
-
-    titles = {"2": "table 2", "5": "figure 5", "1": "table 1: calibration", "search": "search against exact search"}
-    table = Table(
-        "method", "on", "split", "metric", title=titles.get(name, name), box=box.SIMPLE_HEAD, title_justify="left"
-    )
-    for column in ("value", "± over sequences", "sequences", "frames"):
-        table.add_column(column, justify="right")
-    for row in rows:
-        if row.metric in _SHOWN_METRICS or row.metric.startswith("recall"):
-            spread = "" if row.spread is None else f"{row.spread:.2f}"
-            table.add_row(
-                row.method, row.setting, row.split, row.metric, f"{row.value:.2f}", spread, str(row.sequences),
-                f"{row.frames:,}",
-            )  # fmt: skip
-    return table
-
-
-def running_commit() -> str:
-    """The commit that the program runs from, if it runs from one."""
-    import subprocess
-
-    answer = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        capture_output=True, text=True, check=False, cwd=Path(os.path.realpath(__file__)).parent,
-    )  # fmt: skip
-    return answer.stdout.strip() if answer.returncode == 0 else "unknown"

@@ -12,6 +12,7 @@ import numpy as np
 from poseloom.arrays import Array, Floats, Ints, frozen_float
 from poseloom.errors import MethodError
 from poseloom.sensors import Placement, Recording, Sample, SensorLayout
+from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.motion import Motion, Pose, make_motion
 from poseloom.skeleton.skeleton import Skeleton
 
@@ -76,6 +77,28 @@ class Reconstructor(abc.ABC, Generic[State]):
     @abc.abstractmethod
     def step(self, state: State, sample: Sample) -> tuple[State, Frame | None]:
         """Takes in one sample; changes neither argument. None while `delay` samples have not been heard yet."""
+
+
+def check_wearer(who: str, layout: SensorLayout, skeleton: Skeleton, placements: Sequence[Placement]) -> None:
+    """Raises MethodError unless the wearer is the 22-bone body with the layout's sensors on it.
+
+    Args:
+        who: Whom the message is about, with its verb, such as "tracker methods move".
+        layout: The method's sensors.
+        skeleton: The wearer's.
+        placements: Where the sensors are said to sit.
+    """
+    if skeleton.names != BODY_BONES:
+        raise MethodError(
+            f"{who} the 22-bone body, and this skeleton is another",
+            remedy="Retarget the wearer's skeleton to the body first",
+        )
+    bones = [placement.bone for placement in placements]
+    if bones != [sensor.bone for sensor in layout.sensors]:
+        raise MethodError(
+            f"the placements are on {', '.join(bones)}; the layout {layout.name!r} has its sensors elsewhere",
+            remedy="Give one placement for each sensor of the layout, in its order",
+        )
 
 
 @dataclass(frozen=True, eq=False)

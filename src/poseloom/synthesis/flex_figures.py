@@ -32,6 +32,12 @@ def batch_shape(sensors: FlexSensors) -> Shape:
 
 
 def fitted_figures(fits: Sequence[ChannelFit], own: Sequence[tuple[ChannelFit, BendTable]]) -> dict[str, Spread]:
+    """The figures of `FlexSensors` that fits of real channels show, by name.
+
+    Args:
+        fits: One a channel; those that a curve hardly explains are left out where others remain.
+        own: Channels with the tables of their own curves, from which slipping on the cloth is told.
+    """
     told = [fit for fit in fits if residual_share(fit) < _UNEXPLAINED] or list(fits)
     lagging = [fit.shape.lag_seconds for fit in told if fit.shape.lag_share > 0.03]
     slip, slip_seconds = _slip(own)
@@ -74,6 +80,7 @@ def spread_of(values: Sequence[float], floor: float) -> Spread:
 
 
 def rounded(value: float) -> float:
+    """A figure to three digits, as it is shipped and told."""
     return float(f"{value:.3g}")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats, Floats32, Ints
 from poseloom.errors import MethodError
-from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
+from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor, check_wearer
 from poseloom.methods.imus import _forward_kernels, _pose_kernels
 from poseloom.methods.imus.fitting import bone_lengths, fit_model
 from poseloom.methods.imus.ground import Ground, Legs, heading_turn, make_legs, move, start_ground
@@ -149,17 +149,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
 
     def start(self, skeleton: Skeleton, placements: Sequence[Placement]) -> PhaseHmmState:
         """See `Reconstructor.start`. Placements must be the layout's usual ones up to a mounting error."""
-        if skeleton.names != BODY_BONES:
-            raise MethodError(
-                "the phase HMM moves the 22-bone body, and this skeleton is another",
-                remedy="Retarget the wearer's skeleton to the body first",
-            )
-        bones = [placement.bone for placement in placements]
-        if bones != [sensor.bone for sensor in self.layout.sensors]:
-            raise MethodError(
-                f"the placements are on {', '.join(bones)}; the layout {self.layout.name!r} has its sensors elsewhere",
-                remedy="Give one placement for each sensor of the layout, in its order",
-            )
+        check_wearer("the phase HMM moves", self.layout, skeleton, placements)
         wearer = Wearer(make_legs(skeleton), leg_length(skeleton), self._body_weights(skeleton))
         quats = np.zeros((len(BODY_BONES), 4))
         quats[:, 0] = 1.0

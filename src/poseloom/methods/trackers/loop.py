@@ -9,7 +9,7 @@ import numpy as np
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.errors import MethodError
 from poseloom.library.features import feature_points, reference_sensor
-from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
+from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor, check_wearer
 from poseloom.methods.trackers import _kernels
 from poseloom.methods.trackers.gate import Trust, gate, take_all
 from poseloom.methods.trackers.observation import (
@@ -23,7 +23,7 @@ from poseloom.methods.trackers.observation import (
 )
 from poseloom.methods.trackers.state import TrackerSettings, Wearer
 from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout
-from poseloom.skeleton.body import BODY_BONES, average_body
+from poseloom.skeleton.body import average_body
 from poseloom.skeleton.motion import Pose
 from poseloom.skeleton.retarget import leg_length
 from poseloom.skeleton.skeleton import Skeleton
@@ -109,17 +109,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
 
     def start(self, skeleton: Skeleton, placements: Sequence[Placement]) -> TrackerState:
         """See `Reconstructor.start`."""
-        if skeleton.names != BODY_BONES:
-            raise MethodError(
-                "tracker methods move the 22-bone body, and this skeleton is another",
-                remedy="Retarget the wearer's skeleton to the body first",
-            )
+        check_wearer("tracker methods move", self.layout, skeleton, placements)
         bones = [placement.bone for placement in placements]
-        if bones != [sensor.bone for sensor in self.layout.sensors]:
-            raise MethodError(
-                f"the placements are on {', '.join(bones)}; the layout {self.layout.name!r} has its sensors elsewhere",
-                remedy="Give one placement for each sensor of the layout, in its order",
-            )
         body = average_body()
         wearer = Wearer(
             skeleton,
