@@ -72,12 +72,13 @@ def _calibrate(
     from poseloom.calibration.calibration import write_calibration
     from poseloom.calibration.problem import CalibrationSettings
     from poseloom.calibration.session import calibrate
+    from poseloom.formats.atomic import check_folder
     from poseloom.formats.recording import read_recording
     from poseloom.report.calibration import write_calibration_report
 
     for path in (output, report):
-        if path is not None and not path.resolve().parent.is_dir():
-            raise PoseloomError("the output's folder does not exist", remedy="Make it first", file=path)
+        if path is not None:
+            check_folder(path)
     heard = read_recording(recording)
     model = None if body_size is None else body_size_from_json(body_size.read_text(encoding="utf-8"))
     settings = CalibrationSettings() if floor else CalibrationSettings(floor_m=float("inf"))

@@ -38,15 +38,14 @@ def _command(name: str):  # typer reads the signature of what is returned
 
 
 def _fit(name: str, folder: Path, layout_name: str, output: Path, seed: int, without: list[str] | None) -> None:
-    from poseloom.errors import PoseloomError
+    from poseloom.formats.atomic import check_folder
     from poseloom.library import open_library
     from poseloom.methods.imus.baselines.driving import save_comparator
     from poseloom.methods.imus.baselines.fitting import fit_comparator
     from poseloom.methods.imus.pairs import LOCOMOTION, WELL_MOUNTED, library_pairs
     from poseloom.sensors import layout
 
-    if not output.resolve().parent.is_dir():
-        raise PoseloomError("the output's folder does not exist", remedy="Make it first", file=output)
+    check_folder(output)
     worn = layout(layout_name)
     with progress_bars() as show:
         pairs = library_pairs(

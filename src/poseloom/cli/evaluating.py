@@ -89,10 +89,10 @@ def evaluate(
 
 
 def _check_output(output: Path | None) -> None:
-    from poseloom.errors import PoseloomError
+    from poseloom.formats.atomic import check_folder
 
-    if output is not None and not output.resolve().parent.is_dir():
-        raise PoseloomError("the output's folder does not exist", remedy="Make it first", file=output)
+    if output is not None:
+        check_folder(output)
 
 
 def evaluation_table(evaluation: "Evaluation") -> "Table":

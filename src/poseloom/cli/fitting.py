@@ -86,6 +86,7 @@ def _fit_hmm(
     find: str,
 ) -> None:
     from poseloom.errors import PoseloomError, unknown_name
+    from poseloom.formats.atomic import check_folder
     from poseloom.library import open_library
     from poseloom.methods.imus.behaviours import Behaviour
     from poseloom.methods.imus.model_file import write_phase_hmm
@@ -98,8 +99,7 @@ def _fit_hmm(
     for wanted in behaviours or ():
         if wanted not in known:
             raise unknown_name("behaviour", wanted, known, PoseloomError)
-    if not output.resolve().parent.is_dir():
-        raise PoseloomError("the output's folder does not exist", remedy="Make it first", file=output)
+    check_folder(output)
     sensors = layout(layout_name)
     opened = open_library(folder)
     found = {clip.name for clip in opened.find(find)} if find else None

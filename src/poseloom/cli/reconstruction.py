@@ -68,6 +68,7 @@ def list_methods() -> None:
 
 def _check_output(output: Path, suffixes: tuple[str, ...]) -> None:
     from poseloom.errors import FormatError
+    from poseloom.formats.atomic import check_folder
 
     if output.suffix.lower() not in suffixes:
         raise FormatError(
@@ -75,8 +76,7 @@ def _check_output(output: Path, suffixes: tuple[str, ...]) -> None:
             remedy=f"Choose one of {', '.join(suffixes)}",
             file=output,
         )
-    if not output.resolve().parent.is_dir():
-        raise FormatError("the output's folder does not exist", remedy="Make it first", file=output)
+    check_folder(output, FormatError)
 
 
 def _summary(result: "Reconstruction", method: str, output: Path) -> "Table":

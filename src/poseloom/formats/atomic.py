@@ -5,6 +5,14 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
+from poseloom.errors import PoseloomError
+
+
+def check_folder(target: Path, kind: type[PoseloomError] = PoseloomError) -> None:
+    """Raises `kind` unless the folder that a file is to be written to is there: asked before long work, not after."""
+    if not target.resolve().parent.is_dir():
+        raise kind("the output's folder does not exist", remedy="Make it first", file=target)
+
 
 @contextmanager
 def atomic_file(target: str | Path) -> Generator[Path, None, None]:

@@ -8,6 +8,7 @@ import numpy as np
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
 from poseloom.formats import write_motion
+from poseloom.formats.atomic import check_folder
 from poseloom.formats.pose_table import write_pose_table
 from poseloom.live.contract import Post, SessionFacts, Update
 from poseloom.skeleton.motion import Motion, make_motion
@@ -29,8 +30,7 @@ def check_export(path: Path) -> None:
             remedy=f"Choose one of {', '.join(EXPORT_SUFFIXES)}",
             file=path,
         )
-    if not path.resolve().parent.is_dir():
-        raise FormatError("the output's folder does not exist", remedy="Make it first", file=path)
+    check_folder(path, FormatError)
 
 
 def export_motion(motion: Motion, path: Path) -> None:
