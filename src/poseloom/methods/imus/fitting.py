@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats, Floats32, Ints, frozen, frozen_float
 from poseloom.errors import MethodError
+from poseloom.methods.imus.emissions import noise_scale, precision, windowed
 from poseloom.methods.imus.features import (
     MotionFeatures,
-    SignalFeatures,
-    fit_signal_features,
     motion_features,
     registered_columns,
 )
@@ -32,9 +31,6 @@ Progress = Callable[[str, int, int], object]
 
 _FEWEST = 60
 """Examples below which a warped time takes its neighbours' too."""
-
-_QUERIES = 400
-"""States of a phase whose nearest other takes are sought for the emission's precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,15 +82,15 @@ def fit_model(
     successor = np.where(np.diff(owners, append=-1) == 0, np.arange(1, len(stretches) + 1), -1).astype(np.int64)
     phase_of_state = np.repeat(phase_of_segment, lengths)
     maps = _register(stretches, features, phase_of_segment, len(uppers), seed, tell)
-    scale = _noise_scale(signals, maps)
+    scale = noise_scale(signals, maps)
     sizes = (*settings.short_windows, (settings.window, settings.columns))
-    windows = [_windows(pairs, scale, window, columns, seed) for window, columns in sizes]
+    windows = [windowed(pairs, scale, window, columns, seed) for window, columns in sizes]
     gains, variances = _fit_maps(maps, phase_of_state, quats, others, windows[-1][1], settings.shrinkage)
     takes = np.array([pair.take for pair in pairs])
     take_of_state = np.repeat(np.unique(takes, return_inverse=True)[1][owners], lengths)
     kinds = (phase_of_state, take_of_state, maps, len(uppers))
     emissions = tuple(
-        Emission(how, seen, frozen_float(_precision(seen, *kinds, settings, seed))) for how, seen in windows
+        Emission(how, seen, frozen_float(precision(seen, *kinds, settings, seed))) for how, seen in windows
     )
     bodies, body_of_pair = _bodies(pairs)
     return HmmModel(
@@ -156,14 +152,6 @@ def _cut(
     return stretches, features
 
 
-def _windows(
-    pairs: Sequence[SignalPair], scale: Floats[Array, "channels"], window: int, columns: int, seed: int
-) -> tuple[SignalFeatures, Floats32[Array, "states columns"]]:
-    """How windows of one length become columns, and those of all frames."""
-    how = fit_signal_features([pair.signal for pair in pairs], scale, window, columns, seed)
-    return how, frozen(np.concatenate([how.of_signal(pair.signal) for pair in pairs]))
-
-
 def _others(features: MotionFeatures) -> Floats[Array, "frames others"]:
     parts = (features.height[:, None], features.way, features.turn[:, None], features.standing.astype(np.float64))
     return np.concatenate(parts, axis=1)
@@ -223,20 +211,6 @@ def _fit_maps(
     return np.stack(gains), np.stack(variances)
 
 
-def _noise_scale(signals: Floats[Array, "states channels"], maps: Ints[Array, "states"]) -> Floats[Array, "channels"]:
-    """Standard deviation of each channel about the mean of its phase and warped time.
-
-    What differs at one moment of the cycle tells people and chance apart from the cycle: a channel that follows the
-    cycle closely (of a foot) must count for more than one that each swings in its own way (of a hand).
-    """
-    counts = np.maximum(np.bincount(maps), 1)
-    variances = np.empty(signals.shape[1])
-    for channel, values in enumerate(signals.T):
-        means = np.bincount(maps, values) / counts
-        variances[channel] = ((values - means[maps]) ** 2).mean()
-    return np.maximum(np.sqrt(variances), 1e-6)
-
-
 def _at_time(times: Ints[Array, "states"], time: int) -> Ints[Array, "near"]:
     """States at a warped time; where they are few, those just before and after it too."""
     reach = 0
@@ -256,61 +230,6 @@ def _residuals(
     mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
     turns = rotvec_from_quat(quat_multiply(quat_conjugate(mean)[None], aligned))
     return np.concatenate([turns.reshape(len(turns), -1), others[:, :WAY_ENTRIES]], axis=1)
-
-
-def _precision(
-    columns: Floats32[Array, "states columns"],
-    phase_of_state: Ints[Array, "states"],
-    take_of_state: Ints[Array, "states"],
-    maps: Ints[Array, "states"],
-    phases: int,
-    settings: PhaseHmmSettings,
-    seed: int,
-) -> Floats[Array, "phases columns"]:
-    """The emission's precision of each phase.
-
-    Either of each column about the mean of its warped time, tied over the phase (eq. 9 takes it of one sample, which
-    has none); or one for all columns, from the squared distance to the nearest state of the phase in another take.
-    """
-    out = np.empty((phases, columns.shape[1]))
-    generator = np.random.default_rng(seed)
-    for phase in range(phases):
-        rows = np.flatnonzero(phase_of_state == phase)
-        if settings.window_emission:
-            out[phase] = columns.shape[1] / _nearest(columns, rows, take_of_state, generator)
-            continue
-        kinds, places = np.unique(maps[rows], return_inverse=True)
-        counts = np.bincount(places)
-        means = np.stack(
-            [np.bincount(places, columns[rows, k], len(kinds)) / counts for k in range(columns.shape[1])], axis=1
-        )
-        variance = ((columns[rows] - means[places]) ** 2).mean(axis=0)
-        out[phase] = 1 / np.maximum(variance, 1e-3 * max(float(variance.mean()), 1e-6))
-    if settings.window_emission:
-        # Phases without a second take have no distance of their own, and the columns are not independent: a precision
-        # of its own for each phase would give its normalising term the last word. One is shared.
-        known = out[:, 0] > 0
-        out[:] = float(np.median(out[known])) if known.any() else 1.0
-    return settings.tempering * out
-
-
-def _nearest(
-    columns: Floats32[Array, "states columns"],
-    rows: Ints[Array, "rows"],
-    take_of_state: Ints[Array, "states"],
-    generator: np.random.Generator,
-) -> float:
-    """Median squared distance of a phase's states to the nearest of its states in another take; infinite for none."""
-    asked = rows if len(rows) <= _QUERIES else generator.choice(rows, _QUERIES, replace=False)
-    values = columns[rows].astype(np.float64)
-    squares = (values**2).sum(axis=1)
-    found: list[float] = []
-    for row in asked:
-        apart = squares - 2 * values @ columns[row] + float((columns[row].astype(np.float64) ** 2).sum())
-        apart[take_of_state[rows] == take_of_state[row]] = np.inf
-        found.append(float(apart.min()))
-    middle = float(np.median(found))
-    return middle if middle > 0 else np.inf
 
 
 def _entries(

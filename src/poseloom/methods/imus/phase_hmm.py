@@ -6,7 +6,7 @@ where the default settings depart from the paper's (`PAPER_SETTINGS`).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,11 +15,12 @@ from poseloom.errors import MethodError
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor, check_wearer
 from poseloom.methods.imus import _forward_kernels, _pose_kernels
 from poseloom.methods.imus.fitting import bone_lengths, fit_model
-from poseloom.methods.imus.ground import Ground, Legs, heading_turn, make_legs, move, start_ground
+from poseloom.methods.imus.ground import heading_turn, make_legs, move, start_ground
 from poseloom.methods.imus.model import WAY_ENTRIES, HmmModel
-from poseloom.methods.imus.mounting import Mounting, aligned, misaligned, observe_mounting, unknown_mounting
+from poseloom.methods.imus.mounting import aligned, misaligned, observe_mounting, unknown_mounting
 from poseloom.methods.imus.pairs import CHANNELS, SignalPair, check_imus, pairs_digest, sample_signal
 from poseloom.methods.imus.settings import PhaseHmmSettings
+from poseloom.methods.imus.state import Guess, PhaseHmmState, Wearer
 from poseloom.rotations import nearest_branch, quat_from_matrix, quat_multiply, rotvec_from_quat
 from poseloom.sensors import Placement, Sample, SensorLayout
 from poseloom.skeleton.body import BODY_BONES
@@ -29,85 +30,6 @@ from poseloom.skeleton.skeleton import Skeleton
 
 _WAY_SPREAD = 0.05
 """Standard deviation of the root's place, as a share of the way gone."""
-
-
-@dataclass(frozen=True, eq=False)
-class Wearer:
-    """What stays the same from the first sample to the last.
-
-    Attributes:
-        legs: The wearer's skeleton, legs and soles.
-        leg: Length of a leg, metres.
-        log_weight: Of each segment, how well the person's build in it fits the wearer's.
-    """
-
-    legs: Legs
-    leg: float
-    log_weight: Floats[Array, "segments"]
-
-
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """What the segments say together.
-
-    Attributes:
-        quats_wxyz: Local rotations, the root's with its heading taken off.
-        variance: Of the joints' angles.
-        speed: Turn of each joint to the next frame.
-        others: Height, way, turn and contacts.
-        signal: What the sensors are expected to say now, well mounted.
-        ups: World up in the sensors' frames.
-        segments: The K best segments.
-        weights: Their weights.
-    """
-
-    quats_wxyz: Floats[Array, "joints 4"]
-    variance: Floats[Array, "entries"]
-    speed: Floats[Array, "entries"]
-    others: Floats[Array, "others"]
-    signal: Floats[Array, "channels"]
-    ups: Floats[Array, "sensors 3"]
-    segments: Ints[Array, "best"]
-    weights: Floats[Array, "best"]
-
-
-@dataclass(frozen=True, eq=False)
-class PhaseHmmState:
-    """What changes from sample to sample.
-
-    Attributes:
-        wearer: What does not.
-        log_alpha: Log probability of each state given all samples; None before the first.
-        window: The last samples as the sensors said them, gaps filled with what was expected.
-        mounting: What is known of the sensors' mounting errors.
-        guess: What the segments said last; None before the first sample.
-        quats_wxyz: The last pose after blending.
-        q: The last pose vector.
-        ground: Where the body is; None before the first sample.
-        heading: Radians about world up.
-        drift: How much faster the wearer turns than the examples, radians a frame.
-        gone: Metres gone so far.
-        age: Samples heard so far, up to a window's length.
-        turn: Which states are looked at anew at the next sample.
-        silent: Samples in a row in which no sensor spoke.
-        rejoining: Samples left in which the pose only slowly follows, after a silence.
-    """
-
-    wearer: Wearer
-    log_alpha: Floats[Array, "states"] | None
-    window: Floats[Array, "window channels"]
-    mounting: Mounting
-    guess: Guess | None
-    quats_wxyz: Floats[Array, "joints 4"]
-    q: Floats[Array, "dofs"]
-    ground: Ground | None
-    heading: float = 0.0
-    drift: float = 0.0
-    gone: float = 0.0
-    age: int = 0
-    turn: int = 0
-    silent: int = 0
-    rejoining: int = 0
 
 
 class PhaseHmm(Reconstructor[PhaseHmmState]):
@@ -173,7 +95,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
                 return state, None
             window = np.repeat(said[None], len(state.window), axis=0)
         else:
-            expected = misaligned(state.mounting, self._expected_next(state))
+            expected = misaligned(state.mounting, state.guess.signal)
             said = np.where(np.repeat(heard, CHANNELS), said, expected)
             window = np.concatenate([state.window[1:], said[None]])
         spoken = bool(heard.any())
@@ -279,7 +201,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         chosen = np.empty(how.neighbours, dtype=np.int64)
         mass, place = np.empty(how.neighbours), np.empty(how.neighbours)
         phases = np.empty(len(model.phase_names))
-        allowed: Bools[Array, phases] = np.ones(len(phases), dtype=np.bool_)
+        allowed = np.ones(len(phases), dtype=np.bool_)
         if how.one_phase:
             masses = np.bincount(model.phase_of_state, np.exp(log_alpha), minlength=len(phases))
             allowed = np.arange(len(phases)) == int(np.argmax(masses))
@@ -303,10 +225,6 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
     ) -> Floats[Array, "best *columns"]:
         share = fraction.reshape(-1, *(1,) * (values.ndim - 1))
         return (1 - share) * values[lower] + share * values[upper]
-
-    def _expected_next(self, state: PhaseHmmState) -> Floats[Array, "channels"]:
-        assert state.guess is not None
-        return state.guess.signal
 
     def _placed(
         self, before: PhaseHmmState, state: PhaseHmmState, guess: Guess, live: Floats[Array, "channels"]
