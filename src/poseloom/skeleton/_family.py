@@ -24,6 +24,7 @@ class Family:
             elbows bend about another axis than the body's.
         left_arm: The axis along which the left upper arm points in the zero pose, if that tells this family from
             another with the same names.
+        loose_forearms: True if its recordings put any twist into the forearms of straight arms (`share_arm_twist`).
         lost_segment: True if the segment from `upperChest` to neck and shoulders has length zero by a known fault of
             the family's conversion and is to be restored.
     """
@@ -35,6 +36,7 @@ class Family:
     frames: Mapping[str, str] = field(default_factory=dict[str, str])
     rolls: Mapping[str, float] = field(default_factory=dict[str, float])
     left_arm: str = ""
+    loose_forearms: bool = False
     lost_segment: bool = False
 
     def start(self, bone: str) -> str:

@@ -42,6 +42,7 @@ CMU_ASF = Family(
     ),
     rolls=_ELBOW_ROLL,
     left_arm="+X",
+    loose_forearms=True,
 )
 """Acclaim files of CMU's and HDM05's Vicon BodyBuilder model. `lwrist` rolls the forearm, `lhand` bends the wrist."""
 
@@ -90,6 +91,7 @@ CMU_BVH = Family(
         leftToes="LeftToeBase",
     ),
     rolls=_ELBOW_ROLL,
+    loose_forearms=True,
     lost_segment=True,
 )
 """`LeftHand` is the ASF's `lwrist`; two segments of length zero have lost the thorax and the wrist."""
@@ -114,6 +116,7 @@ CMU_BVH_MAX = Family(
         leftToes="LeftToe",
     ),
     rolls=_ELBOW_ROLL,
+    loose_forearms=True,
     lost_segment=True,
 )
 """The same conversion with other names and hanging arms at rest."""
@@ -137,6 +140,7 @@ CMU_BVH_DAZ = Family(
     ),
     ends={"leftHand": "lMid1", "rightHand": "rMid1"},
     rolls={**_ELBOW_ROLL, "head": 18.0},
+    loose_forearms=True,
 )
 """CMU's motions on a figure of fixed size with two joints in the trunk; the foot's end site is where toes begin. The
 head has no direction in the file; against the ASF of the same take (11_01) it is pitched by 17.7 +- 0.8 degrees."""

@@ -12,6 +12,7 @@ from poseloom.skeleton._retarget_kernels import bone_rotvecs
 from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.contacts import floor_height
 from poseloom.skeleton.families import recognise
+from poseloom.skeleton.forearms import share_arm_twist
 from poseloom.skeleton.kinematics import motion_frames
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import Skeleton
@@ -21,8 +22,9 @@ def retarget(motion: Motion, size: Skeleton | Literal["keep"] = "keep") -> Motio
     """The motion on the body, with the direction of every limb and spine bone as in the source and the floor at y = 0.
 
     A body bone turns with its source joint (`families`): `R_world_bone = R_world_joint @ R_joint_bone`, where the
-    constant `R_joint_bone` lays the body's T-pose over the source's rest pose with the smallest turn of each bone. Only
-    the root's place depends on `size`; all rotations are the same.
+    constant `R_joint_bone` lays the body's T-pose over the source's rest pose with the smallest turn of each bone.
+    Where a family's straight arms twist at random, twist goes from forearm to upper arm (`share_arm_twist`). Only the
+    root's place depends on `size`; all rotations are the same.
 
     Args:
         motion: A motion of a skeleton of one of the known families, Y up, metres.
@@ -33,7 +35,8 @@ def retarget(motion: Motion, size: Skeleton | Literal["keep"] = "keep") -> Motio
     Raises:
         RetargetError: if the joint names belong to no family (it lists the unmapped names), or `size` is not the body.
     """
-    alignment = align(motion.skeleton, recognise(motion.skeleton))
+    family = recognise(motion.skeleton)
+    alignment = align(motion.skeleton, family)
     own = alignment.skeleton
     source = motion_frames(motion)
     turns = np.empty((len(motion), len(BODY_BONES), 3))
@@ -48,6 +51,8 @@ def retarget(motion: Motion, size: Skeleton | Literal["keep"] = "keep") -> Motio
         turns,
     )
     q = np.concatenate([source.positions[:, alignment.root], turns.reshape(len(motion), -1)], axis=1)
+    if family.loose_forearms:
+        q = share_arm_twist(q)
     body = own
     if not isinstance(size, str):
         body = _checked_body(size)
