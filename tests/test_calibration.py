@@ -22,16 +22,12 @@ from poseloom.calibration.calibration import Level, apply_calibration, read_cali
 from poseloom.calibration.fit import fit_calibration, without_lever_bias
 from poseloom.calibration.holds import match_in_order, pose_costs, still_readings
 from poseloom.calibration.poses import guided_pose, guided_poses, sole_heights
-from poseloom.calibration.problem import (
-    CalibrationProblem,
-    CalibrationSettings,
-    CalibrationState,
-    HeldPoses,
-    sole_model,
-)
+from poseloom.calibration.problem import CalibrationProblem
 from poseloom.calibration.screening import expected_positions
 from poseloom.calibration.session import ROUNDS_SETTING, calibrate
 from poseloom.calibration.size_sources import distinct_bodies, read_asf_size, read_cmu_sizes, thorax_ratio
+from poseloom.calibration.soles import sole_model
+from poseloom.calibration.unknowns import CalibrationSettings, CalibrationState, HeldPoses
 from poseloom.cli._app import build_app
 from poseloom.errors import FormatError, PoseloomError, SensorError, SkeletonError
 from poseloom.formats.recording import write_recording

@@ -13,9 +13,9 @@ import numpy as np
 from poseloom.arrays import Array, Floats
 from poseloom.calibration.body_size import DEFAULT_COMPONENTS, fit_body_size
 from poseloom.calibration.poses import guided_poses
-from poseloom.calibration.problem import CalibrationSettings
 from poseloom.calibration.session import ROUNDS_SETTING, calibrate
 from poseloom.calibration.size_sources import training_bodies
+from poseloom.calibration.unknowns import CalibrationSettings
 from poseloom.errors import PoseloomError
 from poseloom.evaluation.rows import Row
 from poseloom.library.pool import in_order

@@ -6,13 +6,9 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.calibration.body_size import BodySizeModel
-from poseloom.calibration.problem import (
-    CalibrationProblem,
-    CalibrationSettings,
-    CalibrationState,
-    HeldPoses,
-    sole_model,
-)
+from poseloom.calibration.problem import CalibrationProblem
+from poseloom.calibration.soles import sole_model
+from poseloom.calibration.unknowns import CalibrationSettings, CalibrationState, HeldPoses
 from poseloom.rotations import (
     heading_matrix,
     matrix_from_quat,

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats, Ints
-from poseloom.calibration.body_size import DEFAULT_COMPONENTS, BodySizeModel
-from poseloom.calibration.poses import sole_heights
+from poseloom.calibration.body_size import BodySizeModel
+from poseloom.calibration.soles import SoleModel, standing_feet
+from poseloom.calibration.unknowns import CalibrationSettings, CalibrationState, HeldPoses
 from poseloom.rotations import (
     left_jacobian,
     matrix_from_rotvec,
@@ -20,86 +21,15 @@ from poseloom.rotations import (
     right_jacobian_inverse,
     rotvec_from_matrix,
 )
-from poseloom.skeleton.body import BODY_BONES, average_body
-from poseloom.skeleton.contacts import sole_points
+from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.kinematics import forward_kinematics, point_jacobians
 from poseloom.solve.least_squares import Linearisation, Residuals
 
 _UP = np.array([0.0, 1.0, 0.0])
-_STANDING = 0.05
-"""Metres by which a standing foot may be higher than the other in a guided pose."""
 _BLUR_M = 0.003
 """Metres within which heights are taken for equally low."""
 _HINGE_RAD = np.radians(1.5)
 """Standard deviation of a turn about an axis about which a joint does not turn."""
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """What is believed before the sensors are heard, and how hard to try.
-
-    Attributes:
-        pose_rad: Standard deviation of a held joint angle about the guided one.
-        position_m: Of a sensor's position, averaged over a hold. If it is taken for larger than it is, short bones come
-            out too short, for the poses' own error is then thought to explain less.
-        orientation_rad: Of its orientation.
-        offset_m: Of a sensor's place on its bone about the default place.
-        components: Principal components of body size.
-        floor_m: Of the height of the lowest sole, which stands on the world's y = 0; infinity where that is no floor.
-        other_foot_m: Of the difference in height of the feet where both stand in the guided pose.
-        pose_robust: Sigmas at which a joint's deviation from the guided pose begins to be disbelieved.
-        sensor_robust: The same for a sensor's residual.
-        iterations: Most steps of the solver.
-    """
-
-    pose_rad: float = float(np.radians(7.0))
-    position_m: float = 0.001
-    orientation_rad: float = float(np.radians(0.2))
-    offset_m: float = 0.03
-    components: int = DEFAULT_COMPONENTS
-    floor_m: float = 0.01
-    other_foot_m: float = 0.04
-    pose_robust: float = 6.0
-    sensor_robust: float = 4.0
-    iterations: int = 60
-
-
-@dataclass(frozen=True, eq=False)
-class HeldPoses:
-    """What the sensors said while a person held poses. Missing readings are NaN.
-
-    Attributes:
-        guided: Pose vectors that were asked for, one a hold; the root's place and heading mean nothing.
-        positions: Metres, world.
-        rotations: `R_world_sensor`.
-    """
-
-    guided: Floats[Array, "holds dofs"]
-    positions: Floats[Array, "holds sensors 3"]
-    rotations: Floats[Array, "holds sensors 3 3"]
-
-    def __len__(self) -> int:
-        return len(self.guided)
-
-    def keep(self, holds: Bools[Array, "holds"] | Ints[Array, "kept"]) -> "HeldPoses":
-        """Some of the holds."""
-        return HeldPoses(self.guided[holds], self.positions[holds], self.rotations[holds])
-
-
-class CalibrationState(NamedTuple):
-    """The unknowns.
-
-    Attributes:
-        coefficients: Of the body-size model.
-        R_bone_sensor: Sensors' axes in their bones' frames.
-        p_bone_sensor: Sensors' places in their bones' frames, metres.
-        q: Poses held, as pose vectors.
-    """
-
-    coefficients: Floats[Array, "components"]
-    R_bone_sensor: Floats[Array, "sensors 3 3"]
-    p_bone_sensor: Floats[Array, "sensors 3"]
-    q: Floats[Array, "holds dofs"]
 
 
 def pose_sigmas(pose_rad: float) -> Floats[Array, "joints 3"]:
@@ -113,40 +43,6 @@ def pose_sigmas(pose_rad: float) -> Floats[Array, "joints 3"]:
         sigmas[BODY_BONES.index(f"{side}LowerArm"), 2] = _HINGE_RAD
         sigmas[BODY_BONES.index(f"{side}Toes")] = _HINGE_RAD
     return sigmas
-
-
-@dataclass(frozen=True, eq=False)
-class SoleModel:
-    """Left heel, left toe, right heel and right toe of a body-size model's bodies: `local + coefficients . by_size`.
-
-    Attributes:
-        bones: Index of the bone of each point.
-        local: On the mean body, metres in their bones' frames.
-        by_size: Their change with each coefficient.
-    """
-
-    bones: Ints[Array, "4"]
-    local: Floats[Array, "4 3"]
-    by_size: Floats[Array, "components 4 3"]
-
-
-def sole_model(model: BodySizeModel) -> SoleModel:
-    """The sole points of a model's bodies. They scale with the foot, whose direction is the same in all bodies."""
-
-    def points(coefficients: Floats[Array, "components"]) -> Floats[Array, "4 3"]:
-        body = model.body_of(coefficients)
-        return np.concatenate([np.stack(sole_points(body, side)) for side in ("left", "right")])
-
-    mean = points(np.zeros(model.size))
-    bones = [BODY_BONES.index(f"{side}{bone}") for side in ("left", "right") for bone in ("Foot", "Toes")]
-    by_size = [points(unit) - mean for unit in np.eye(model.size)]
-    return SoleModel(np.array(bones, dtype=np.int64), mean, np.array(by_size).reshape(model.size, 4, 3))
-
-
-def standing_feet(guided: Floats[Array, "holds dofs"]) -> Bools[Array, "holds 2"]:
-    """Which feet, left and right, stand in guided poses: the lower one, and the other if nearly as low."""
-    lowest = np.stack([sole_heights(average_body(), q).min(axis=1) for q in guided])
-    return np.asarray(lowest < lowest.min(axis=1, keepdims=True) + _STANDING)
 
 
 class _MovingPoints(NamedTuple):

@@ -12,7 +12,6 @@ from poseloom.calibration.calibration import Calibration, Level, Verdict
 from poseloom.calibration.fit import CalibrationFit, fit_calibration, without_lever_bias
 from poseloom.calibration.holds import StillReadings, match_in_order, pose_costs, still_readings
 from poseloom.calibration.poses import GuidedPose, guided_poses
-from poseloom.calibration.problem import CalibrationSettings, HeldPoses
 from poseloom.calibration.screening import (
     axis_verdict,
     expected_positions,
@@ -20,6 +19,7 @@ from poseloom.calibration.screening import (
     silence_verdicts,
     unit_verdict,
 )
+from poseloom.calibration.unknowns import CalibrationSettings, HeldPoses
 from poseloom.errors import SensorError
 from poseloom.rotations import matrix_from_rotvec, rotvec_from_matrix
 from poseloom.sensors import Recording, SensorKind, make_placement

@@ -70,8 +70,8 @@ def _calibrate(
 
     from poseloom.calibration.body_size import body_size_from_json
     from poseloom.calibration.calibration import write_calibration
-    from poseloom.calibration.problem import CalibrationSettings
     from poseloom.calibration.session import calibrate
+    from poseloom.calibration.unknowns import CalibrationSettings
     from poseloom.formats.atomic import check_folder
     from poseloom.formats.recording import read_recording
     from poseloom.report.calibration import write_calibration_report
