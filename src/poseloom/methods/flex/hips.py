@@ -14,7 +14,8 @@ from poseloom.sensors import Sample
 _R_WORLD_VQF = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """VQF's world has its z axis up, ours its y axis."""
 
-_GRAVITY = 9.80665
+GRAVITY = 9.80665
+"""Standard gravity, m/s^2."""
 _FIRST_STEP = 0.01
 """Seconds that the first sample of an IMU stands for."""
 
@@ -63,7 +64,7 @@ def turn_hips(
     if turn.filter is not None:
         orientation.state = dict(turn.filter)
     else:
-        upright = np.ascontiguousarray(R_bone_sensor.T @ np.array([0.0, _GRAVITY, 0.0]))
+        upright = np.ascontiguousarray(R_bone_sensor.T @ np.array([0.0, GRAVITY, 0.0]))
         for _ in range(round(upright_s / _FIRST_STEP)):
             orientation.update(np.zeros(3), upright)
     orientation.update(np.ascontiguousarray(rate), np.ascontiguousarray(force))

@@ -2,11 +2,12 @@
 
 Four bends say nothing of how the hips are turned, and the flex paper borrows that from the truth. Here one IMU on the
 hips tells it (VQF, Laidig and Seel 2023, without a magnetometer: the heading is relative to the first sample and may
-drift). The root's path comes from the legs: what stands on the floor stays where it is.
+drift). The root's path comes from the legs, what stands on the floor stays where it is, and from how the hips bob.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -14,8 +15,9 @@ import numpy as np
 from poseloom.arrays import Array, Floats, Ints, frozen_float
 from poseloom.errors import MethodError
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
-from poseloom.methods.flex.hips import HipsTurn, turn_hips
-from poseloom.rotations import nearest_branch, rotvec_from_matrix
+from poseloom.methods.flex.hips import GRAVITY, HipsTurn, turn_hips
+from poseloom.methods.flex.stride import NO_STRIDE, Stride, StrideSettings, follow_stride, stepping, walking_speed
+from poseloom.rotations import heading_angle, heading_matrix, nearest_branch, quat_from_matrix, rotvec_from_matrix
 from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout
 from poseloom.skeleton.contacts import sole_points
 from poseloom.skeleton.kinematics import forward_kinematics
@@ -42,6 +44,9 @@ class RootSettings:
         upright_s: Seconds for which the hips are taken to have stood upright before the first sample.
         unobserved_rad: Spread of the hips' turn without an IMU.
         unobserved_m: Spread of the root's place without an IMU.
+        most_longer: Steps are at most this many times as long as the legs tell: who moves his legs and tells of no way
+            stays where he is.
+        stride: When bobbing hips are taken for walking.
     """
 
     softness_m: float = 0.015
@@ -55,6 +60,8 @@ class RootSettings:
     upright_s: float = 0.4
     unobserved_rad: float = 1.0
     unobserved_m: float = 3.0
+    most_longer: float = 2.5
+    stride: StrideSettings = field(default=StrideSettings())
 
 
 class Sole(NamedTuple):
@@ -85,6 +92,8 @@ class RootState(Generic[Inner]):
         time: Device time of the last frame, seconds.
         walked: Metres that it went, on the level.
         rotvec: The hips' rotation vector in the last frame: the next one stays on its branch.
+        stride: How the hips bobbed and the thighs swung.
+        ahead: How fast the legs said that it goes ahead, smoothed, metres a second.
     """
 
     inner: Inner
@@ -98,14 +107,16 @@ class RootState(Generic[Inner]):
     time: float
     walked: float
     rotvec: Floats[Array, "3"]
+    stride: Stride
+    ahead: float
 
 
 class OnItsFeet(Reconstructor[RootState[Inner]]):
     """A method that tells joint angles from flex sensors, put on its feet.
 
-    With an IMU on the hips these turn as it says and the root goes where the standing soles leave it. Without one the
-    hips stay upright and face ahead, only the height follows the lower foot, and the spread says that nothing else is
-    known.
+    With an IMU on the hips these turn as it says and the root goes where the standing soles leave it, and further ahead
+    where bobbing hips say that the steps are longer than the legs told. Without one the hips stay upright and face
+    ahead, only the height follows the lower foot, and the spread says that nothing else is known.
 
     Args:
         method: Tells the joints' angles; listens to flex sensors only.
@@ -150,6 +161,8 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
             0.0,
             0.0,
             np.zeros(3),
+            NO_STRIDE,
+            0.0,
         )
 
     def step(self, state: RootState[Inner], sample: Sample) -> tuple[RootState[Inner], Frame | None]:
@@ -162,9 +175,21 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
         state = replace(state, inner=inner, turn=turn)
         if frame is None:
             return state, None
+        if not silent:
+            state = self._followed(state, sample, frame.pose, frame.time)
         state, pose = self._placed(state, frame.pose, frame.time)
         health = _with_hips(frame.health, self.layout.names[self._imu]) if self._imu is not None and silent else None
         return state, replace(frame, pose=pose, spread=self._spread(state, frame.spread), health=health or frame.health)
+
+    def _followed(self, state: RootState[Inner], sample: Sample, pose: Pose, time: float) -> RootState[Inner]:
+        """With what the hips' bobbing and the thighs' swing tell of the steps."""
+        if self._imu is None or state.R_bone_sensor is None:
+            return state
+        force = state.turn.R_world_hips @ state.R_bone_sensor @ sample.specific_forces[self._imu]
+        thighs = pose.q[3:].reshape(-1, 3)[_thighs(state.skeleton), 0]
+        since = max(time - state.time, 0.0) if state.soles is not None else 0.0
+        stride = follow_stride(state.stride, since, float(force[1]) - GRAVITY, -thighs, self.settings.stride)
+        return replace(state, stride=stride)
 
     def _placed(self, state: RootState[Inner], pose: Pose, time: float) -> tuple[RootState[Inner], Pose]:
         """The pose with its hips turned and its root where the soles leave it."""
@@ -173,7 +198,7 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
         q = pose.q.copy()
         q[:3], q[3:6] = 0.0, rotvec
         soles = _places(state.skeleton, state.sole, q)
-        root, speed = state.root.copy(), state.speed
+        root, speed, ahead = state.root.copy(), state.speed, state.ahead
         heights = soles[:, 1] - soles[:, 1].min()
         standing = np.exp(-heights / self.settings.softness_m)
         step = time - state.time
@@ -183,14 +208,26 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
             off = np.linalg.norm(ways / step - speed, axis=1) / self.settings.softness_m_s
             standing *= np.exp(-0.5 * (off - off.min()) ** 2)
             way = standing @ ways / standing.sum()
-            root += way
             speed = speed + (way / step - speed) * -np.expm1(-step / self.settings.speed_s)
+            front = level_front(state.turn.R_world_hips)
+            taken = -np.expm1(-step / self.settings.stride.average_s)
+            ahead += (float(way @ front) / step - ahead) * float(taken)
+            root += way + self._lacking(state, ahead) * step * front
         standing /= standing.sum()
         root[1] = -(standing @ soles[:, 1])
         walked = state.walked + float(np.hypot(root[0] - state.root[0], root[2] - state.root[2]))
         q[:3] = root
-        after = replace(state, soles=soles, root=root, speed=speed, time=time, walked=walked, rotvec=rotvec)
+        after = replace(
+            state, soles=soles, root=root, speed=speed, time=time, walked=walked, rotvec=rotvec, ahead=ahead
+        )
         return after, Pose(state.skeleton, frozen_float(q))
+
+    def _lacking(self, state: RootState[Inner], ahead: float) -> float:
+        """How much faster the hips go ahead than the legs tell, metres a second; negative where they go backwards."""
+        settings = self.settings.stride
+        speed = stepping(state.stride, settings) * walking_speed(state.stride, _leg_m(state.skeleton), settings)
+        lacking = min(max(speed - abs(ahead), 0.0), (self.settings.most_longer - 1) * abs(ahead))
+        return math.copysign(lacking, ahead)
 
     def _spread(self, state: RootState[Inner], spread: Floats[Array, "dofs"]) -> Floats[Array, "dofs"]:
         settings, told = self.settings, spread.copy()
@@ -201,6 +238,19 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
         heading = settings.heading_rad + settings.heading_rad_s * state.turn.since
         told[:6] = [path, settings.height_m, path, settings.tilt_rad, heading, settings.tilt_rad]
         return frozen_float(told)
+
+
+def level_front(R_world_hips: Floats[Array, "3 3"]) -> Floats[Array, "3"]:
+    """Where the hips face on the level, a unit vector."""
+    return heading_matrix(heading_angle(quat_from_matrix(R_world_hips)))[:, 2]
+
+
+def _thighs(skeleton: Skeleton) -> list[int]:
+    return [skeleton.index(f"{side}UpperLeg") for side in ("left", "right")]
+
+
+def _leg_m(skeleton: Skeleton) -> float:
+    return sum(float(np.linalg.norm(skeleton.offsets[skeleton.index(f"left{bone}")])) for bone in ("LowerLeg", "Foot"))
 
 
 def _sole(skeleton: Skeleton) -> Sole:
