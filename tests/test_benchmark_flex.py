@@ -102,9 +102,9 @@ def test_tables_group_by_motion_and_joint() -> None:
 
 
 def test_people_are_on_one_side_each() -> None:
-    assert part_of("hdm05:dg") is Part.TEST
-    assert part_of("hdm05:bd") is Part.TRAIN
-    assert part_of("cmu49") is Part.VALIDATE
+    assert part_of("hdm05:bd") is Part.TEST
+    assert part_of("hdm05:bk") is Part.TRAIN
+    assert part_of("cmu131") is Part.VALIDATE
 
 
 def test_the_exponential_maps_are_one_person(material: Material) -> None:
@@ -190,7 +190,7 @@ def test_conditions_cover_ageing_faults_and_replacement(material: Material) -> N
 def test_a_whole_run_at_a_tiny_size(material: Material, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("poseloom.benchmark.flex.run.prepare", lambda *_: material)
     effort = Effort(epochs=1, stride=64, hidden=8, our_epochs=1, our_hidden=8)
-    plan = Plan(tmp_path, tmp_path, {WITHIN: 1, BY_SUBJECT: 1}, effort, lengths=(40,))
+    plan = Plan(tmp_path, tmp_path, {WITHIN: 1, BY_SUBJECT: 1}, 1, effort, lengths=(40,))
     done: list[str] = []
     results = run_flex(plan, lambda name, *_: done.append(name))
     tables = {row.table for row in results.rows}

@@ -273,34 +273,62 @@ def test_training_stops_when_ten_epochs_bring_less_than_a_tenth_of_a_degree() ->
     assert not stalled([10 - 0.02 * epoch for epoch in range(11)], 10, 0.1)
 
 
+class Nothing(Stretches):
+    """Batches that hold nothing."""
+
+    def __init__(self, batches: int) -> None:
+        self._heard, self._count = (), batches
+
+    @property
+    def batches(self) -> int:
+        return self._count
+
+    def order(self, generator):
+        return np.zeros(1, dtype=np.int64)
+
+    def batch(self, generator, index, order):
+        return None
+
+
 def test_training_keeps_the_best_epoch() -> None:
     network = torch.nn.Linear(1, 1)
     errors = iter([3.0, 1.0, 2.0])
     kept: list[dict[str, torch.Tensor]] = []
-
-    class Nothing(Stretches):
-        def __init__(self) -> None:
-            self._heard = ()
-
-        @property
-        def batches(self) -> int:
-            return 1
-
-        def order(self, generator):
-            return np.zeros(1, dtype=np.int64)
-
-        def batch(self, generator, index, order):
-            return None
 
     def judge(judged: torch.nn.Module) -> float:
         kept.append({name: value.clone() for name, value in judged.state_dict().items()})
         return next(errors)
 
     history = train(
-        network, Nothing(), lambda judged, batch: judged(torch.ones(1, 1)).sum(), judge, LoopSettings(epochs=3), 0
+        network, Nothing(1), lambda judged, batch: judged(torch.ones(1, 1)).sum(), judge, LoopSettings(epochs=3), 0
     )
     assert history.best == 1
     torch.testing.assert_close(dict(network.state_dict()), kept[1])
+
+
+def test_the_running_mean_of_the_weights_is_judged_and_kept() -> None:
+    network = torch.nn.Linear(1, 1, bias=False)
+    weights: list[float] = []
+    judged: list[float] = []
+
+    def loss(trained: torch.nn.Module, batch: object) -> torch.Tensor:
+        weights.append(float(trained.weight.detach()))
+        return trained(torch.ones(1, 1)).sum()
+
+    def judge(averaged: torch.nn.Module) -> float:
+        judged.append(float(averaged.weight.detach()))
+        return -float(len(judged))
+
+    settings = LoopSettings(epochs=2, average=0.6, decay_every=0)
+    train(network, Nothing(5), loss, judge, settings, 0)
+    # weights[k] is what the k-th batch began with, and weights[k + 1] what it made of that.
+    mean = weights[0]
+    for batch in range(5):
+        taken = 1 - min(0.6, (1 + batch) / (10 + batch))
+        mean += taken * (weights[batch + 1] - mean)
+    assert judged[0] == pytest.approx(mean, abs=1e-6)
+    assert weights[5] != pytest.approx(mean, abs=1e-6)
+    assert float(network.weight.detach()) == pytest.approx(judged[1])
 
 
 # Splits.

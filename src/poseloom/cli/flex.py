@@ -108,6 +108,8 @@ def benchmark_flex(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Seeds of the within-sequence split.")] = 3,
     subject_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the by-subject split.")] = 2,
+    other_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the Transformer, FCN and TCN, at most.")] = 2,
+    full: Annotated[bool, typer.Option("--full", help="Fit the paper's network at its full size, too.")] = False,
     length_seeds: Annotated[int, typer.Option(min=1, help="Seeds of each calibration length.")] = 1,
     json: Annotated[Path | None, typer.Option("--json", help="File for the figures as rows.")] = None,
     markdown: Annotated[
@@ -132,7 +134,8 @@ def benchmark_flex(
     with tempfile.TemporaryDirectory() as temporary, progress_bars() as show:
         folder = work or Path(temporary)
         plan = Plan(recordings, folder)
-        plan = replace(plan, seeds={WITHIN: seeds, BY_SUBJECT: subject_seeds}, length_seeds=length_seeds)
+        counts = {WITHIN: seeds, BY_SUBJECT: subject_seeds}
+        plan = replace(plan, seeds=counts, other_seeds=other_seeds, length_seeds=length_seeds, full=full)
         results = run_flex(quick_plan(recordings, folder) if quick else plan, show)
     _show(results.rows)
     if json is not None:

@@ -23,6 +23,8 @@ Loss = Callable[[nn.Module, Batch], Tensor]
 """What a batch costs."""
 Judge = Callable[[nn.Module], float]
 """The validation error in degrees."""
+Weights = dict[str, Tensor]
+"""A network's weights by name."""
 Progress = Callable[[int, int, float], None]
 """Called with the epochs done, how many there may be, and the validation error in degrees."""
 
@@ -41,6 +43,8 @@ class LoopSettings:
         patience: Training stops when in so many epochs ...
         gain: ... the validation error has not fallen by this many degrees.
         half: Whether matrices are multiplied in bfloat16, where the processor does that in hardware.
+        average: Judged, kept and used is a running mean of the weights, of which this share stays at every batch; 0 for
+            the weights themselves.
     """
 
     epochs: int = 60
@@ -52,6 +56,7 @@ class LoopSettings:
     patience: int = 10
     gain: float = 0.1
     half: bool = False
+    average: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -97,19 +102,24 @@ def train(
     optimiser = torch.optim.AdamW(network.parameters(), settings.rate, weight_decay=settings.weight_decay, fused=True)
     losses: list[float] = []
     errors: list[float] = []
-    best: dict[str, Any] = {}
+    best: Weights = {}
+    mean = _copied(network)
     if checkpoint is not None and checkpoint.is_file():
-        losses, errors, best = _resume(checkpoint, network, optimiser, settings, seed)
+        losses, errors, best, mean = _resume(checkpoint, network, optimiser, settings, seed)
     while len(errors) < settings.epochs and not stalled(errors, settings.patience, settings.gain):
         for group in optimiser.param_groups:
             group["lr"] = rate_in(len(errors), settings)
-        losses.append(_epoch(network, examples, loss, optimiser, settings, [seed, len(losses)]))
+        losses.append(_epoch(network, examples, loss, optimiser, settings, [seed, len(losses)], mean))
         network.eval()
+        newest = _copied(network)
+        if settings.average > 0:
+            network.load_state_dict(mean)
         errors.append(judge(network))
         if errors[-1] <= min(errors):
-            best = {name: value.clone() for name, value in network.state_dict().items()}
+            best = _copied(network)
+        network.load_state_dict(newest)
         if checkpoint is not None:
-            _save(checkpoint, network, optimiser, settings, seed, (losses, errors, best))
+            _save(checkpoint, network, optimiser, settings, seed, (losses, errors, best, mean))
         if progress is not None:
             progress(len(errors), settings.epochs, errors[-1])
     network.load_state_dict(best)
@@ -171,6 +181,7 @@ def _epoch(
     optimiser: torch.optim.Optimizer,
     settings: LoopSettings,
     seed: Sequence[int],
+    mean: Weights,
 ) -> float:
     generator = np.random.default_rng(seed)
     seed_torch(int(generator.integers(2**31)))
@@ -186,7 +197,20 @@ def _epoch(
         nn.utils.clip_grad_norm_(network.parameters(), settings.clip)
         optimiser.step()  # pyright: ignore[reportUnknownMemberType]
         total += float(cost.detach())
+        if settings.average > 0:
+            _follow(mean, network, settings.average, seed[-1] * examples.batches + index)
     return total / examples.batches
+
+
+def _copied(network: nn.Module) -> Weights:
+    return {name: value.clone() for name, value in network.state_dict().items()}
+
+
+def _follow(mean: Weights, network: nn.Module, stays: float, batches: int) -> None:
+    """Lets a running mean follow the weights; it forgets faster at first, when they run."""
+    taken = 1 - min(stays, (1 + batches) / (10 + batches))
+    for name, value in network.state_dict().items():
+        mean[name].lerp_(value, taken)
 
 
 def _save(
@@ -195,15 +219,16 @@ def _save(
     optimiser: torch.optim.Optimizer,
     settings: LoopSettings,
     seed: int,
-    so_far: tuple[list[float], list[float], dict[str, Any]],
+    so_far: tuple[list[float], list[float], Weights, Weights],
 ) -> None:
-    losses, errors, best = so_far
+    losses, errors, best, mean = so_far
     content = {
         "settings": asdict(settings),
         "seed": seed,
         "losses": losses,
         "errors": errors,
         "best": best,
+        "mean": mean,
         "network": network.state_dict(),
         "optimiser": optimiser.state_dict(),
     }
@@ -213,14 +238,14 @@ def _save(
 
 def _resume(
     path: Path, network: nn.Module, optimiser: torch.optim.Optimizer, settings: LoopSettings, seed: int
-) -> tuple[list[float], list[float], dict[str, Any]]:
+) -> tuple[list[float], list[float], Weights, Weights]:
     try:
         content = cast("dict[str, Any]", torch.load(path, weights_only=True))
         same = content["settings"] == asdict(settings) and content["seed"] == seed
         if same:
             network.load_state_dict(content["network"])
             optimiser.load_state_dict(content["optimiser"])
-            return content["losses"], content["errors"], content["best"]
+            return content["losses"], content["errors"], content["best"], content["mean"]
     except Exception as error:  # torch raises many kinds for a damaged file
         raise FormatError(
             "this checkpoint cannot be gone on from",

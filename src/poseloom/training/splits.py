@@ -70,27 +70,29 @@ def by_person(sessions: Sequence[Session], part_of: Callable[[str], Part]) -> Di
 
 
 def within_takes(sessions: Sequence[Session], gap: int, least: int = 25) -> Divided:
-    """The flex paper's 0.8 : 0.1 : 0.1 of every take, with a gap before each later part.
+    """A tenth of every take to test, a tenth to validate, the rest to train, as the flex paper divides; with gaps.
 
-    The gap is as long as a window, so a window that ends in a later part shares no frame with the earlier ones; what
-    is heard in the gap warms a memory up. Takes too short for that train only.
+    The paper tests on the last tenth; here it is the first. The order is: a gap that is heard only, test, gap,
+    training, gap, validation. A gap is as long as a window, so a window that ends in one part shares no frame with
+    another; what is heard in the gap before a part warms a memory up. Takes too short for that train only.
 
     Args:
         sessions: The sessions.
-        gap: Frames that count for nothing before validation and before test; at least the longest window.
-        least: Frames that a part must have, or the take trains only.
+        gap: Frames that count for nothing before each part; at least the longest window.
+        least: Frames that test and validation must have, or the take trains only.
     """
     parts: dict[Part, list[Piece]] = {part: [] for part in Part}
     for index, session in enumerate(sessions):
         for take in session.takes:
-            tenth = (len(take) - 2 * gap) // 10
+            tenth = (len(take) - 3 * gap) // 10
             if tenth < least:
                 parts[Part.TRAIN].append(Piece(index, take, take.start, take.start, take.stop))
                 continue
-            tested, validated = take.stop - tenth, take.stop - 2 * tenth - gap
-            parts[Part.TRAIN].append(Piece(index, take, take.start, take.start, validated - gap))
-            parts[Part.VALIDATE].append(Piece(index, take, validated - gap + 1, validated, validated + tenth))
-            parts[Part.TEST].append(Piece(index, take, tested - gap + 1, tested, take.stop))
+            tested = take.start + gap
+            trained, validated = tested + tenth + gap, take.stop - tenth
+            parts[Part.TEST].append(Piece(index, take, take.start, tested, tested + tenth))
+            parts[Part.TRAIN].append(Piece(index, take, trained - gap + 1, trained, validated - gap))
+            parts[Part.VALIDATE].append(Piece(index, take, validated - gap + 1, validated, take.stop))
     return _divided(parts)
 
 

@@ -84,21 +84,25 @@ def _ablation(rows: Sequence[Row]) -> str:
                 _cell(mine, "5", method, split, "error_deg"),
                 _cell(mine, "5", method, split, "moving_error_deg"),
                 _cell(mine, "5", method, split, "jitter_deg_s3", scale=1e4),
+                _seeds(mine, method, split),
             ]
         lines.append(tuple(cells))
     heads = ["network", "paper: error / jitter"]
     for split in (BY_SUBJECT, WITHIN):
-        heads += [f"{split}: error, 39 angles", "error, moving angles", "jitter"]
+        heads += [f"{split}: error, 39 angles", "error, moving angles", "jitter", "seeds"]
     counts = [
-        f"{split}: {row.sequences} sequences, {row.frames:,} frames, {_seeds(mine, split)} seeds"
+        f"{split}: {row.sequences} sequences, {row.frames:,} frames"
         for split in (BY_SUBJECT, WITHIN)
         if (row := next((each for each in mine if each.split == split), None)) is not None
     ]
     return f"## Table 5: networks and ablation\n\n{'; '.join(counts)}.\n\n{markdown_table(heads, lines)}"
 
 
-def _seeds(rows: Iterable[Row], split: str) -> int:
-    return int(max((row.value for row in rows if row.split == split and row.metric == "error_deg_seeds"), default=1))
+def _seeds(rows: Iterable[Row], method: str, split: str) -> str:
+    if figure(rows, "5", method, split, "error_deg") is None:
+        return ""
+    row = figure(rows, "5", method, split, "error_deg_seeds")
+    return "1" if row is None else f"{row.value:.0f}"
 
 
 def _paired(rows: Sequence[Row]) -> str:

@@ -12,6 +12,7 @@ from poseloom.benchmark.flex.tables import by_joint, by_motion, by_person, paire
 from poseloom.benchmark.flex.trials import (
     NETWORKS,
     OURS,
+    PAPERS,
     PLAIN,
     Effort,
     Trial,
@@ -32,6 +33,10 @@ LENGTHS = (40, 60, 80, 100, 120)
 """Samples that the calibrator hears, table 6."""
 
 
+FULL_SIZE = 512
+"""Units in each direction of the paper's network as it was built there."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """What to run.
@@ -39,7 +44,8 @@ class Plan:
     Attributes:
         data: Folder of the recordings.
         work: Folder for the library and for checkpoints; a run that was killed goes on from there.
-        seeds: Number of seeds, for each split.
+        seeds: Number of seeds of ours and of the paper's network, for each split.
+        other_seeds: Number of seeds of the paper's other networks, at most that.
         effort: What training may cost.
         draws: Sets of training sensors.
         thin: Keep every so many clips only.
@@ -51,6 +57,7 @@ class Plan:
     data: Path
     work: Path
     seeds: Mapping[str, int] = field(default_factory=lambda: {WITHIN: 3, BY_SUBJECT: 2})
+    other_seeds: int = 2
     effort: Effort = field(default=Effort())
     draws: int = 4
     thin: int = 1
@@ -62,7 +69,7 @@ class Plan:
 def quick_plan(data: Path, work: Path) -> Plan:
     """A look at everything, at small size: figures mean little."""
     effort = Effort(epochs=2, stride=32, hidden=64, our_epochs=3, our_hidden=64)
-    return Plan(data, work, {WITHIN: 2, BY_SUBJECT: 1}, effort, 2, 3, (40, 100), 1, False)
+    return Plan(data, work, {WITHIN: 2, BY_SUBJECT: 1}, 1, effort, 2, 3, (40, 100), 1, False)
 
 
 def run_flex(plan: Plan, progress: Progress) -> Results:
@@ -105,10 +112,7 @@ def _split_rows(material: Material, plan: Plan, split: str, progress: Progress) 
         found[name] = [score_pieces(material.sessions, pieces, inputs, chosen.tell)]
         spoken[name] = chosen.tell
     networks: dict[str, Fitted] = {}
-    contestants = [Trial(name, split, seed) for seed in range(plan.seeds[split]) for name in (OURS, *NETWORKS)]
-    if plan.full and split == WITHIN:
-        contestants += [Trial(name, split, 0, hidden=512) for name in ("Bi-LSTM", "Bi-LSTM-C")]
-    for trial in contestants:
+    for trial in trials_of(plan, split):
         fitted = _fit(material, plan, trial, progress)
         _score_into(found, material, split, inputs, trial, fitted)
         if trial.seed == 0 and trial.hidden is None:
@@ -127,6 +131,17 @@ def _split_rows(material: Material, plan: Plan, split: str, progress: Progress) 
         rows += ageing_rows(material, split, spoken, "range learnt on line")
         return rows + speed_rows(networks)
     return rows + fault_rows(material, split, spoken) + replacement_rows(material, split, spoken)
+
+
+def trials_of(plan: Plan, split: str) -> list[Trial]:
+    """What is fitted for the tables of one split."""
+    trials: list[Trial] = []
+    for seed in range(plan.seeds[split]):
+        names = (OURS, *(NETWORKS if seed < plan.other_seeds else PAPERS))
+        trials += [Trial(name, split, seed) for name in names]
+    if plan.full and split == WITHIN:
+        trials.append(Trial("Bi-LSTM-C", split, 0, hidden=FULL_SIZE))
+    return trials
 
 
 def labelled(contestant: str, output: str) -> str:

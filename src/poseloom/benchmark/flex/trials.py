@@ -38,6 +38,9 @@ NETWORKS = {
 }
 """The paper's network and its comparators."""
 
+PAPERS = ("Bi-LSTM", "Bi-LSTM-C")
+"""The paper's network, without and with its calibrator."""
+
 OURS = "flex-scales"
 
 
@@ -53,8 +56,8 @@ class Effort:
         our_hidden: Units of its GRU.
     """
 
-    epochs: int = 10
-    stride: int = 16
+    epochs: int = 12
+    stride: int = 8
     hidden: int = 128
     our_epochs: int = 12
     our_hidden: int = 192
