@@ -190,7 +190,8 @@ def fit(
     if isinstance(network, Scales):
         begun = heard_pieces(*_first(sets, divided.train), features_of(settings))
         network.begin_at(
-            np.concatenate([each.inputs for each in begun]), np.concatenate([each.angles for each in begun])
+            np.concatenate([each.inputs[each.before :] for each in begun]),
+            np.concatenate([each.angles for each in begun]),
         )
     loss = partial(laplace_loss, speed=settings.speed) if isinstance(network, Scales) else squared_loss
     stride = max(1, sum(len(each.angles) for each in validation) // 2000)
