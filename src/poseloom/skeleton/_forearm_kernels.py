@@ -13,13 +13,14 @@ def share_twist(
     lower: Floats[Array, "frames 4"],
     neutral: float,
     freedom: float,
-    reach: float,
+    straight: float,
+    bent: float,
 ) -> None:
     """Moves twist about the common X axis from a forearm to its upper arm, in place, quaternions `wxyz`.
 
-    `lower` is a swing by the bend times a roll about X. The roll may leave `neutral` by `freedom` times the bend and by
-    `reach` at most (radians); what is beyond goes to the upper arm. Where a roll is about half a turn off, the way
-    round is that of the frame before.
+    `lower` is a swing by the bend times a roll about X. The roll may leave `neutral` by `freedom` times the bend up to
+    the bend `straight`, and by ever more up to half a turn at the bend `bent` (radians); what is beyond goes to the
+    upper arm. Where a roll is about half a turn off, the way round is that of the frame before.
     """
     off = 0.0
     for frame in range(upper.shape[0]):
@@ -27,12 +28,14 @@ def share_twist(
         bend = 2.0 * math.atan2(math.hypot(y, z), math.hypot(w, x))
         roll = 2.0 * math.atan2(x, w) - neutral
         roll -= _TURN * math.floor(roll / _TURN + 0.5)
+        most = freedom * min(bend, straight)
+        if bend > straight:
+            most += (math.pi - most) * min((bend - straight) / (bent - straight), 1.0)
         if abs(off) > math.pi / 2.0 and abs(roll - off) > math.pi:
             other = roll + math.copysign(_TURN, off)
-            if abs(other) < 1.5 * math.pi:
+            if abs(other) < min(1.5 * math.pi, _TURN - most):
                 roll = other
         off = roll
-        most = min(freedom * bend, reach)
         excess = roll - min(max(roll, -most), most)
         if excess != 0.0:
             _turn_after(upper[frame], excess)

@@ -12,11 +12,14 @@ NEUTRAL = np.radians(30.0)
 median of its recordings: 24 to 36 degrees in each collection and on each side, elbows bent by 30 to 100 degrees."""
 
 FREEDOM = 2.0
-"""By how much the roll may leave `NEUTRAL`, as a multiple of the elbow's bend. From 20 degrees of bend on, nine tenths
-of CMU's frames lie within."""
+"""By how much the roll may leave `NEUTRAL`, as a multiple of the elbow's bend, up to `STRAIGHT`: from there on nine
+tenths of CMU's frames lie within."""
 
-REACH = np.radians(90.0)
-"""By how much the roll may leave `NEUTRAL` at all: a forearm turns about 80 degrees either way."""
+STRAIGHT = np.radians(20.0)
+"""The bend up to which an elbow is too straight for a fit to know its axis."""
+
+BENT = np.radians(45.0)
+"""The bend from which the axis counts as known: what roll remains is the forearm's own, or the recording's fault."""
 
 
 def share_arm_twist(q: Floats[Array, "frames dofs"]) -> Floats[Array, "frames dofs"]:
@@ -24,9 +27,9 @@ def share_arm_twist(q: Floats[Array, "frames dofs"]) -> Floats[Array, "frames do
 
     The axis of an elbow says how the upper arm is twisted; where the elbow is nearly straight it says next to nothing,
     and fits of recordings put any roll up to half a turn into the forearm and its opposite into the upper arm. What
-    exceeds `FREEDOM` times the bend, or `REACH`, is moved into the upper arm, by which no joint moves and no bone but
-    the upper arms turns. The elbow of an arm that was changed bends about another axis than its hinge, by no more than
-    its bend. Poses within the bounds stay as they are, so a second time changes nothing.
+    exceeds `FREEDOM` times the bend is moved into the upper arm, less and less of it between `STRAIGHT` and `BENT`. No
+    joint moves by it and no bone but the upper arms turns; an elbow that was changed bends about another axis than its
+    hinge. Poses within the bounds stay as they are, so a second time changes nothing.
 
     Args:
         q: Pose vectors of the body.
@@ -36,7 +39,7 @@ def share_arm_twist(q: Floats[Array, "frames dofs"]) -> Floats[Array, "frames do
         upper, lower = (3 + 3 * BODY_BONES.index(f"{side}{bone}") for bone in ("UpperArm", "LowerArm"))
         upper_quats, lower_quats = quat_from_rotvec(q[:, upper : upper + 3]), quat_from_rotvec(q[:, lower : lower + 3])
         before = upper_quats.copy()
-        share_twist(upper_quats, lower_quats, NEUTRAL, FREEDOM, REACH)
+        share_twist(upper_quats, lower_quats, NEUTRAL, FREEDOM, STRAIGHT, BENT)
         changed = (before != upper_quats).any(axis=1)
         if changed.any():
             for column, quats in ((upper, upper_quats), (lower, lower_quats)):
