@@ -220,11 +220,11 @@ def test_a_seed_repeats_and_another_does_not(sessions: tuple[Session, ...], fitt
     assert np.abs(other.tell(heard) - fitted.tell(heard)).max() > 1e-3
 
 
-@pytest.mark.parametrize("kind", [Kind.BILSTM_C, Kind.GRU])
+@pytest.mark.parametrize("kind", [Kind.BILSTM_C, Kind.SCALES])
 def test_a_killed_training_goes_on_as_if_nothing_had_happened(
     kind: Kind, sessions: tuple[Session, ...], tmp_path: Path
 ) -> None:
-    settings = replace(scales_settings(3, 12), draws=2, size=4) if kind is Kind.GRU else _small()
+    settings = replace(scales_settings(3, 12), draws=2, size=4) if kind is Kind.SCALES else _small()
     settings = replace(settings, loop=replace(settings.loop, epochs=3))
     whole = fit(sessions, _divided(sessions), settings, seed=4)
 
@@ -575,4 +575,4 @@ def test_counts_stay_within_the_converter(sessions: tuple[Session, ...]) -> None
     assert known.min() >= 0
     assert known.max() <= 4095
     assert draw_sets(sessions, replace(_small(), draws=2), 0)[1][0][0].person.endswith("~mirror")
-    assert isinstance(make_network(NetworkSettings(Kind.GRU, hidden=8), 0), Scales)
+    assert isinstance(make_network(NetworkSettings(Kind.SCALES, hidden=8), 0), Scales)

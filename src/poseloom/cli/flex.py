@@ -61,7 +61,7 @@ def fit_flex_scales(
     only: _Only = None,
     checkpoint: _Checkpoint = None,
 ) -> None:
-    """Fit our network for four flex sensors: filters over many time scales, a GRU, smoothing.
+    """Fit our network for four flex sensors: filters over many time scales, an LSTM, smoothing.
 
     Example: poseloom fit flex-scales --library library -o flex-scales.npz
     """

@@ -51,7 +51,7 @@ METHODS: Mapping[str, MethodEntry] = MappingProxyType(
         "phase-hmm-paper": MethodEntry("the single-IMU paper's model: one sample a state", load=read_phase_hmm),
         **{name: MethodEntry(each.summary, load=loader(name)) for name, each in COMPARATORS.items()},
         "flex-scales": MethodEntry(
-            "four flex sensors: filters over many time scales and a GRU", load=load_flex_scales, shipped=SHIPPED_MODEL
+            "four flex sensors: filters over many time scales and an LSTM", load=load_flex_scales, shipped=SHIPPED_MODEL
         ),
         "flex-lstm": MethodEntry("four flex sensors: the flex paper's calibrating Bi-LSTM", load=load_flex_lstm),
     }

@@ -56,7 +56,7 @@ class WindowStep(nn.Module):
 
 
 class ScalesStep(nn.Module):
-    """Our network, one sample at a time: the filter bank, the GRU's step and the smoothing."""
+    """Our network, one sample at a time: the filter bank, the LSTM's step and the smoothing."""
 
     def __init__(self, network: Scales) -> None:
         super().__init__()
@@ -75,12 +75,13 @@ class ScalesStep(nn.Module):
             MemoryPart("pairs", (1, len(PAIRS))),
             MemoryPart("mixed", (1, len(MIXED))),
             MemoryPart("hidden", (1, 1, self.hidden)),
+            MemoryPart("cell", (1, 1, self.hidden)),
             MemoryPart("told", (1, self.network.told.out_features)),
         )
 
     def forward(
         self, sample: Tensor, fresh: Tensor, means: Tensor, lively: Tensor, pairs: Tensor, mixed: Tensor,
-        hidden: Tensor, told: Tensor,
+        hidden: Tensor, cell: Tensor, told: Tensor,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         bank, again = self.network.bank, fresh.reshape(1, 1, 1)
         values = sample[:, :CHANNELS]
@@ -98,12 +99,12 @@ class ScalesStep(nn.Module):
             [sample, values - means[:, 0], steps, means[:, -1], liveliness, pairs, mixed], dim=1
         )  # fmt: skip
         heard = (features - self.network.get_buffer("centre")) / self.network.get_buffer("scale")
-        remembered, hidden = self.network.memory(heard[:, None], hidden)
+        remembered, (hidden, cell) = self.network.memory(heard[:, None], (hidden, cell))
         angles = self.network.told(remembered[:, 0])
         # Laplace: the standard deviation is the mean absolute error times the root of two.
         spread = torch.exp(self.network.doubt(remembered[:, 0])) * math.sqrt(2)
         said = self._follow(told, angles, torch.tensor(keep(self.network.smoothing)), fresh)
-        return said, spread, means, lively, pairs, mixed, hidden, said
+        return said, spread, means, lively, pairs, mixed, hidden, cell, said
 
     @staticmethod
     def _follow(mean: Tensor, value: Tensor, stays: Tensor, again: Tensor) -> Tensor:

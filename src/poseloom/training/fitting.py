@@ -90,12 +90,12 @@ def paper_settings(kind: Kind = Kind.BILSTM_C, hidden: int = 512, window: int = 
     return FitSettings(NetworkSettings(kind, window, hidden), LoopSettings(half=True))
 
 
-def scales_settings(epochs: int = 20, hidden: int = 192) -> FitSettings:
+def scales_settings(epochs: int = 16, hidden: int = 192) -> FitSettings:
     """Our network."""
     return FitSettings(
-        NetworkSettings(Kind.GRU, window=0, hidden=hidden),
+        NetworkSettings(Kind.SCALES, window=0, hidden=hidden),
         LoopSettings(
-            epochs=epochs, rate=3e-3, decay_every=0, weight_decay=1e-3, patience=epochs, gain=0.0
+            epochs=epochs, rate=3e-3, decay_every=0, weight_decay=1e-3, patience=epochs, gain=0.0, average=0.99
         ),
         draw=DrawSettings(drop_outs=0.3),
         size=32,
@@ -112,7 +112,7 @@ def make_network(settings: NetworkSettings, seed: int) -> nn.Module:
         Kind.TRANSFORMER: partial(Transformer, ANGLES),
         Kind.FCN: partial(Fcn, ANGLES),
         Kind.TCN: partial(Tcn, ANGLES),
-        Kind.GRU: partial(Scales, BankSettings(), settings.hidden, ANGLES),
+        Kind.SCALES: partial(Scales, BankSettings(), settings.hidden, ANGLES),
     }
     return makers[settings.kind]()
 
@@ -138,7 +138,7 @@ def make_examples(sets: TrainingSets, pieces: Sequence[Piece], settings: FitSett
         for number, (sessions, inputs) in enumerate(sets)
         for each in heard_pieces(sessions, parted[number // 2 % len(parted)], inputs, make)
     ]
-    if settings.network.kind is Kind.GRU:
+    if settings.network.kind is Kind.SCALES:
         return Stretches(heard, settings.stretch, settings.size, 1 / len(sets))
     return Windows(heard, _window(settings.network), settings.stride * len(sets), settings.size)
 
@@ -155,7 +155,7 @@ def parts_of(pieces: Sequence[Piece], frames: int) -> tuple[Piece, ...]:
 
 def features_of(settings: FitSettings) -> Callable[[Inputs], Floats32[Array, "frames features"]]:
     """What a network takes of what is heard of a piece."""
-    if settings.network.kind is Kind.GRU:
+    if settings.network.kind is Kind.SCALES:
         return partial(bank_series, settings=BankSettings())
     return lambda heard: heard
 

@@ -26,7 +26,7 @@ class Kind(StrEnum):
     TRANSFORMER = "transformer"
     FCN = "fcn"
     TCN = "tcn"
-    GRU = "gru"
+    SCALES = "scales"
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class NetworkSettings:
     Attributes:
         kind: Which one.
         window: Samples that it hears at once; for networks without a calibrator only the last five count.
-        hidden: Hidden units: of the LSTM in each direction, or of the GRU.
+        hidden: Hidden units: of the LSTM, in the paper's in each direction.
         min_pool: Kernel of the calibrator's min-pooling.
         average_pool: Kernel of its average-pooling.
     """

@@ -1,4 +1,4 @@
-"""Our network for four bends: a bank of filters over many time scales, a small GRU, and a smoothed output.
+"""Our network for four bends: a bank of filters over many time scales, a small LSTM, and a smoothed output.
 
 Five samples, a tenth of a second, do not tell a walk from a climb. The bank keeps what the last eight seconds were
 like: differences of exponential means from 0.04 to 8 s, how lively each channel was, and how the channels went together
@@ -81,13 +81,13 @@ def exponential_mean(series: Floats[Array, "frames columns"], scale: float) -> F
 
 
 class Scales(nn.Module):
-    """Features of the bank in, angles out: a GRU, a linear layer, and an exponential mean of the output.
+    """Features of the bank in, angles out: an LSTM, a linear layer, and an exponential mean of the output.
 
     Args:
         bank: The filter bank.
-        hidden: Units of the GRU.
+        hidden: Units of the LSTM.
         angles: Numbers to tell.
-        drop: Share of the GRU's outputs dropped in training.
+        drop: Share of the LSTM's outputs dropped in training.
     """
 
     def __init__(self, bank: BankSettings, hidden: int, angles: int, drop: float = 0.4) -> None:
@@ -95,7 +95,7 @@ class Scales(nn.Module):
         self.bank = bank
         self.register_buffer("centre", torch.zeros(bank.features))
         self.register_buffer("scale", torch.ones(bank.features))
-        self.memory = nn.GRU(bank.features, hidden, batch_first=True)
+        self.memory = nn.LSTM(bank.features, hidden, batch_first=True)
         self.drop = nn.Dropout(drop)
         self.told = nn.Linear(hidden, angles)
         self.doubt = nn.Linear(hidden, angles)

@@ -53,13 +53,13 @@ class Effort:
         stride: Frames from one of their windows to the next.
         hidden: Units of their LSTM in each direction.
         our_epochs: Epochs of ours.
-        our_hidden: Units of its GRU.
+        our_hidden: Units of its LSTM.
     """
 
     epochs: int = 12
     stride: int = 8
     hidden: int = 128
-    our_epochs: int = 12
+    our_epochs: int = 16
     our_hidden: int = 192
 
 
@@ -134,7 +134,7 @@ def outputs_of(fitted: Fitted) -> dict[str, Output]:
     The paper's median pads both ends and so looks a sample ahead: "centred" is that one, for offline use; "median" is
     the causal one, for live use.
     """
-    if fitted.settings.network.kind is Kind.GRU:
+    if fitted.settings.network.kind is Kind.SCALES:
         return {"plain": lambda told: told, "smoothed": partial(smoothed, fitted)}
     return {"plain": lambda told: told, "median": median, "centred": centred_median}
 
