@@ -52,9 +52,11 @@ def fault_rows(material: Material, split: str, tellers: Mapping[str, Teller]) ->
     """Error with one channel spoilt throughout, mean over the four, beside that with all sound; every fourth take."""
     names = layout("flex-four").names
     rows: list[Row] = []
+    pieces = material.divided(split).test[::_FAULTS_EVERY]
+    counts = {index: _counts(material, index) for index in {piece.session for piece in pieces}}
     for fault in ("none", *SPOILT):
         channels = range(1) if fault == "none" else range(len(names))
-        inputs = [_spoilt(material, fault, channel) for channel in channels]
+        inputs = [_spoilt(material, counts, fault, channel) for channel in channels]
         for name, tell in tellers.items():
             scored = pooled([each for own in inputs for each in _test(material, split, tell, own, _FAULTS_EVERY)])
             rows.append(_row("faults", name, fault, split, "error_deg", scored.error, scored.sequences, scored.frames))
@@ -111,13 +113,15 @@ def _by_session(material: Material, heard: Mapping[int, Inputs]) -> Sequence[Inp
     return [heard.get(index, empty) for index in range(len(material.sessions))]
 
 
-def _spoilt(material: Material, fault: str, channel: int) -> Sequence[Inputs]:
-    heard: list[Inputs] = []
-    for index in range(len(material.sessions)):
-        counts = _counts(material, index)
-        counts[:, channel] = _spoil(fault, counts[:, channel])
-        heard.append(_hear(material, index, counts))
-    return heard
+def _spoilt(
+    material: Material, counts: Mapping[int, Floats[Array, "_ channels"]], fault: str, channel: int
+) -> Sequence[Inputs]:
+    heard: dict[int, Inputs] = {}
+    for index, sound in counts.items():
+        spoilt = sound.copy()
+        spoilt[:, channel] = _spoil(fault, sound[:, channel])
+        heard[index] = _hear(material, index, spoilt)
+    return _by_session(material, heard)
 
 
 def _spoil(fault: str, counts: Floats[Array, "frames"]) -> Floats[Array, "frames"]:
