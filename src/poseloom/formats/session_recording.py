@@ -25,7 +25,7 @@ from poseloom.sensors import Recording
 STARTS_TOPIC = "/starts"
 STEPS_TOPIC = "/steps"
 FINDINGS_TOPIC = "/findings"
-HEALTH_STATES = ("ok", "degraded", "coasting", "lost")
+HEALTH_STATES = ("ok", "degraded", "coasting", "lost", "rejoining")
 """Names of a step's health by its number."""
 
 

@@ -26,6 +26,7 @@ class HealthState(enum.StrEnum):
     DEGRADED = "degraded"
     COASTING = "coasting"
     LOST = "lost"
+    REJOINING = "rejoining"
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class Health:
 
     Attributes:
         state: ok: all sensors spoke and agree; degraded: some are missing or disbelieved; coasting: none spoke, the
-            motion is carried on from the model alone; lost: coasting for so long that the pose means little.
+            motion is carried on from the model alone; lost: coasting for so long that the pose means little; rejoining:
+            sensors are back, and the pose still glides from where it was to where they say.
         sensors: Names of the sensors that are missing or disbelieved.
     """
 

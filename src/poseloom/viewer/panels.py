@@ -28,7 +28,13 @@ _PLOT_PERIOD = 0.3
 _SAID_SECONDS = 10.0
 """For how long the last notice stands in the panel."""
 _MOST_ROUNDS = 5
-_HEALTH_LEVELS = {HealthState.LOST: 0.0, HealthState.COASTING: 1.0, HealthState.DEGRADED: 2.0, HealthState.OK: 3.0}
+_HEALTH_LEVELS = {
+    HealthState.LOST: 0.0,
+    HealthState.COASTING: 1.0,
+    HealthState.REJOINING: 2.0,
+    HealthState.DEGRADED: 2.0,
+    HealthState.OK: 3.0,
+}
 _NO_LATENCY = Latency(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ARMS_OUT, _EIGHT = "Arms out", "Eight poses"
 
@@ -164,7 +170,7 @@ class LivePlots:
             ]
             look = PlotLook("latency, ms", ("arrival to pose", "the method's step"), (METHODS[0], METHODS[1]), 0.0)
             self._latency_plot = add_plot(gui, look, self._latency.lines())
-            look = PlotLook("health: 3 ok, 2 degraded, 1 coasting, 0 lost", ("health",), (LOST,), 0.0)
+            look = PlotLook("health: 3 ok, 2 degraded or rejoining, 1 coasting, 0 lost", ("health",), (LOST,), 0.0)
             self._health_plot = add_plot(gui, look, self._health.lines())
         self._drawn = 0.0
 

@@ -12,6 +12,7 @@ HEALTH_COLOURS: Mapping[HealthState, Colour] = {
     HealthState.DEGRADED: UNSURE,
     HealthState.COASTING: LOST,
     HealthState.LOST: LOST,
+    HealthState.REJOINING: UNSURE,
 }
 NOTICE_COLOURS: Mapping[Level, Colour] = {Level.NOTE: STANDING, Level.WARNING: UNSURE, Level.ERROR: LOST}
 _HEALTH_WORDS = {
@@ -19,6 +20,7 @@ _HEALTH_WORDS = {
     HealthState.DEGRADED: "without",
     HealthState.COASTING: "no sensor speaks; the motion is carried on",
     HealthState.LOST: "no sensor has spoken for long",
+    HealthState.REJOINING: "sensors are back; the figure glides to them",
 }
 
 

@@ -10,6 +10,7 @@ from poseloom.arrays import Array, Bools, Floats
 from poseloom.errors import MethodError
 from poseloom.library.features import feature_points, reference_sensor
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor, check_wearer
+from poseloom.methods.gliding import Glide, glide_to
 from poseloom.methods.trackers import _kernels
 from poseloom.methods.trackers.gate import Trust, gate, take_all
 from poseloom.methods.trackers.observation import (
@@ -44,6 +45,7 @@ class TrackerState:
         covariance: Of the newest pose's entries, the root's place and turn in the world's axes.
         silent: Samples in a row in which no sensor spoke.
         astray: Samples in a row in which the sensors did not fit.
+        glide: How what is shown follows `history`; None before the first pose.
     """
 
     wearer: Wearer
@@ -52,6 +54,7 @@ class TrackerState:
     covariance: Floats[Array, "dofs dofs"]
     silent: int = 0
     astray: int = 0
+    glide: Glide | None = None
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,7 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         speaks = bool(heard(spoken).any())
         if state.trust is None and not speaks:
             return state, None
-        if state.trust is None or (speaks and state.astray >= self.settings.misfit_frames):
+        if state.trust is None or (speaks and self._lost_track(state)):
             gated = take_all(spoken)
             solution = self._solve(state.wearer, spoken, self.first_prior(state.wearer, spoken))
             q = self._on_branch(state, solution.q)
@@ -136,6 +139,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             gated = gate(state.trust, spoken, state.wearer, state.history[0], self.settings.gate)
             solution, q, covariance = self._continue(state, gated.readings)
             history = np.concatenate([q[None], state.history[: self.moments - 1]])
+        skeleton, back = state.wearer.skeleton, _come_back(state.trust, gated.trust, self.settings.gate.patience)
+        glide, shown = glide_to(state.glide, skeleton, q, sample.time, back, self.settings.glide)
         following = TrackerState(
             state.wearer,
             gated.trust,
@@ -143,9 +148,16 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             covariance,
             0 if speaks else state.silent + 1,
             state.astray + 1 if self._is_astray(solution, gated.taken) else 0,
+            glide,
         )
         health = self._health(following, solution, gated.taken)
-        return following, Frame(sample.time, Pose(state.wearer.skeleton, q), solution.spread, health)
+        spread = solution.spread if glide.offset is None else np.hypot(solution.spread, shown - q)
+        return following, Frame(sample.time, Pose(skeleton, shown), spread, health)
+
+    def _lost_track(self, state: TrackerState) -> bool:
+        """Whether the newest pose means nothing to the next: for long the sensors were silent, or did not fit it."""
+        settings = self.settings
+        return state.astray >= settings.misfit_frames or state.silent > settings.anew_after * self.layout.rate
 
     def _continue(
         self, state: TrackerState, readings: SensorReadings
@@ -189,4 +201,14 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         if state.silent:
             lost = state.silent > self.settings.lost_after * self.layout.rate
             return Health(HealthState.LOST if lost else HealthState.COASTING, troubled)
+        if state.glide is not None and state.glide.offset is not None:
+            return Health(HealthState.REJOINING, troubled)
         return Health(HealthState.DEGRADED if troubled else HealthState.OK, troubled)
+
+
+def _come_back(before: Trust | None, now: Trust, patience: int) -> bool:
+    """Whether a tracker is taken at its word that was not for long, or never yet."""
+    if before is None:
+        return False
+    away = (before.missing < 0) | (before.missing >= patience)
+    return bool((away & (now.missing == 0)).any())

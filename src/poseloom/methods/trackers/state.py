@@ -6,21 +6,19 @@ from typing import NamedTuple
 import numpy as np
 
 from poseloom.arrays import Array, Floats
+from poseloom.methods.gliding import GlideSettings
 from poseloom.skeleton.skeleton import Skeleton
 from poseloom.solve import SensorMount, SolverSettings
 
 
 @dataclass(frozen=True)
 class GateSettings:
-    """When a tracker's word is doubted, and how it is taken up again.
+    """When a tracker's word is doubted, and how a lost one is let go.
 
     Attributes:
         step_position: Metres that a tracker may be away from where its own movement leads to.
         step_orientation: The same for its orientation, radians.
         patience: Samples in a row for which a tracker that is farther off is not heard.
-        fading: Share of the difference that is left a sample after a tracker came back.
-        glide_position: Most metres by which it shrinks in a sample.
-        glide_orientation: The same for the orientation, radians.
         hold_position: Metres of standard deviation, times the samples it is missing, with which a lost tracker is held
             where the pose carries it.
         hold_orientation: The same for its orientation, radians.
@@ -30,9 +28,6 @@ class GateSettings:
     step_position: float = 0.15
     step_orientation: float = np.deg2rad(50.0)
     patience: int = 4
-    fading: float = 0.8
-    glide_position: float = 0.08
-    glide_orientation: float = np.deg2rad(25.0)
     hold_position: float = 0.02
     hold_orientation: float = np.deg2rad(5.0)
     hold_samples: int = 40
@@ -47,7 +42,9 @@ class TrackerSettings:
         sigma_orientation: Standard deviation of a tracker's orientation, radians.
         solver: How the pose is solved for.
         gate: When a tracker is doubted.
+        glide: How the figure follows where the pose finds itself anew.
         lost_after: Seconds of silence of all sensors after which the pose means little.
+        anew_after: Seconds of such silence after which the search starts anew from the sensors alone.
         misfit_position: Metres by which most trackers may miss their solved places before the pose counts as astray.
         misfit_orientation: The same for their orientations, radians.
         misfit_frames: Astray frames in a row after which the search starts anew from the sensors alone.
@@ -57,7 +54,9 @@ class TrackerSettings:
     sigma_orientation: float = np.deg2rad(0.5)
     solver: SolverSettings = field(default_factory=SolverSettings)
     gate: GateSettings = field(default_factory=GateSettings)
+    glide: GlideSettings = field(default_factory=GlideSettings)
     lost_after: float = 2.0
+    anew_after: float = 0.5
     misfit_position: float = 0.05
     misfit_orientation: float = np.deg2rad(12.0)
     misfit_frames: int = 8
