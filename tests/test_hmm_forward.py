@@ -163,10 +163,9 @@ def test_the_best_segments_come_in_their_order_with_their_places() -> None:
     model = Small(4)
     log_alpha, _ = model.step(np.full(7, 1 / 7), 0)
     alpha = np.exp(log_alpha)
-    chosen, mass, place, phases = np.empty(2, dtype=np.int64), np.empty(2), np.empty(2), np.empty(2)
-    count = kernels.best_segments(
-        log_alpha, model.first, model.stop, model.phase, np.ones(2, dtype=np.bool_), chosen, mass, place, phases
-    )
+    chosen, mass, place = np.empty(2, dtype=np.int64), np.empty(2), np.empty(2)
+    everywhere = np.ones(2, dtype=np.bool_)
+    count = kernels.best_segments(log_alpha, model.first, model.stop, model.phase, everywhere, 99, chosen, mass, place)
     masses = np.array([alpha[a:b].sum() for a, b in zip(model.first, model.stop, strict=True)])
     assert count == 2
     np.testing.assert_array_equal(chosen, np.argsort(-masses)[:2])
@@ -174,9 +173,30 @@ def test_the_best_segments_come_in_their_order_with_their_places() -> None:
     for segment, at in zip(chosen, place, strict=True):
         inside = np.arange(model.first[segment], model.stop[segment])
         assert at == pytest.approx((alpha[inside] * inside).sum() / alpha[inside].sum())
-    np.testing.assert_allclose(phases, [masses[0] + masses[2], masses[1]])
     count = kernels.best_segments(
-        log_alpha, model.first, model.stop, model.phase, np.array([False, True]), chosen, mass, place, phases
+        log_alpha, model.first, model.stop, model.phase, np.array([False, True]), 99, chosen, mass, place
     )
     assert count == 1
     assert chosen[0] == 1
+
+
+def test_a_segment_that_is_likely_at_two_places_is_taken_at_one() -> None:
+    log_alpha = np.log(np.array([0.3, 0.1, 0.01, 0.01, 0.01, 0.17, 0.4]))
+    chosen, mass, place = np.empty(1, dtype=np.int64), np.empty(1), np.empty(1)
+    one = np.array([0]), np.array([7]), np.array([0]), np.ones(1, dtype=np.bool_)
+    assert kernels.best_segments(log_alpha, *one, 1, chosen, mass, place) == 1
+    assert mass[0] == pytest.approx(0.57)
+    assert place[0] == pytest.approx((5 * 0.17 + 6 * 0.4) / 0.57)
+
+
+@pytest.mark.parametrize("least", [1.0, 2.0, 3.9])
+def test_weights_are_evened_out_no_more_than_asked(least: float) -> None:
+    mass = np.array([0.97, 0.02, 0.008, 0.0019, 0.0001])
+    weights = np.empty(5)
+    power = kernels.even_out(mass, least, weights)
+    np.testing.assert_allclose(weights, mass**power / (mass**power).sum())
+    effective = 1 / (weights**2).sum()
+    assert power == 1.0 if least == 1.0 else effective == pytest.approx(least, rel=1e-3)
+    even = np.full(5, 0.2)
+    assert kernels.even_out(even, least, weights) == 1.0
+    np.testing.assert_allclose(weights, even)

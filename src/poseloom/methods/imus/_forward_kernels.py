@@ -174,30 +174,33 @@ def best_segments(
     stop: Ints[Array, "segments"],
     phase: Ints[Array, "segments"],
     allowed: Bools[Array, "phases"],
+    reach: int,
     chosen: Ints[Array, "best"],
     mass: Floats[Array, "best"],
     place: Floats[Array, "best"],
-    phases: Floats[Array, "phases"],
 ) -> int:
     """The segments of the largest probabilities in the allowed phases, and where in them one is.
 
-    Fills, best first, the segments' indices, probabilities and expected states (fractional), and for every phase its
-    probability. Returns how many were found.
+    Only the states up to `reach` from a segment's likeliest one count: between two places that are both likely lies
+    one that is not. Fills, best first, the segments' indices, these probabilities and the expected states
+    (fractional). Returns how many were found.
     """
     count = 0
-    phases[:] = 0.0
     for s in range(first.shape[0]):
-        total, moment = 0.0, 0.0
+        if not allowed[phase[s]]:
+            continue
+        peak = -1
         for i in range(first[s], stop[s]):
+            if log_alpha[i] != -np.inf and (peak < 0 or log_alpha[i] > log_alpha[peak]):
+                peak = i
+        if peak < 0:
+            continue
+        total, moment = 0.0, 0.0
+        for i in range(max(first[s], peak - reach), min(stop[s], peak + reach + 1)):
             if log_alpha[i] != -np.inf:
                 p = np.exp(log_alpha[i])
                 total += p
                 moment += p * i
-        if total <= 0.0:
-            continue
-        phases[phase[s]] += total
-        if not allowed[phase[s]]:
-            continue
         at = count
         while at > 0 and mass[at - 1] < total:
             at -= 1
@@ -208,3 +211,34 @@ def best_segments(
             chosen[k], mass[k], place[k] = chosen[k - 1], mass[k - 1], place[k - 1]
         chosen[at], mass[at], place[at] = s, total, moment / total
     return count
+
+
+@compiled
+def even_out(mass: Floats[Array, "best"], least: float, weights: Floats[Array, "best"]) -> float:
+    """Fills weights that sum to one: the probabilities, raised to the power that leaves at least so many in effect.
+
+    The effective number of weights is 1 / sum of their squares; it grows as the power falls from 1 to 0. `mass` is
+    ordered, the largest first. Returns the power.
+    """
+    low, high = 0.0, 1.0
+    power = 1.0
+    for _ in range(16):
+        total, squares = 0.0, 0.0
+        for k in range(mass.shape[0]):
+            weights[k] = (mass[k] / mass[0]) ** power
+            total += weights[k]
+            squares += weights[k] * weights[k]
+        if total * total < least * squares:
+            high = power
+        elif power == 1.0:
+            break
+        else:
+            low = power
+        power = 0.5 * (low + high)
+    total = 0.0
+    for k in range(mass.shape[0]):
+        weights[k] = (mass[k] / mass[0]) ** power
+        total += weights[k]
+    for k in range(mass.shape[0]):
+        weights[k] /= total
+    return power

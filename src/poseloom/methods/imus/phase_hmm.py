@@ -200,16 +200,15 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         model, how = self.model, self.settings
         chosen = np.empty(how.neighbours, dtype=np.int64)
         mass, place = np.empty(how.neighbours), np.empty(how.neighbours)
-        phases = np.empty(len(model.phase_names))
-        allowed = np.ones(len(phases), dtype=np.bool_)
+        allowed = np.ones(len(model.phase_names), dtype=np.bool_)
         if how.one_phase:
-            masses = np.bincount(model.phase_of_state, np.exp(log_alpha), minlength=len(phases))
-            allowed = np.arange(len(phases)) == int(np.argmax(masses))
+            masses = np.bincount(model.phase_of_state, np.exp(log_alpha), minlength=len(allowed))
+            allowed = np.arange(len(allowed)) == int(np.argmax(masses))
         count = _forward_kernels.best_segments(
-            log_alpha, model.first, model.stop, model.phase_of_segment, allowed, chosen, mass, place, phases
+            log_alpha, model.first, model.stop, model.phase_of_segment, allowed, how.reach, chosen, mass, place
         )
-        weights = mass[:count] ** how.sharpness
-        weights /= weights.sum()
+        weights = np.empty(count)
+        _forward_kernels.even_out(mass[:count], min(how.evenness, float(count)), weights)
         if state.guess is not None and how.weight_smoothing > 0:
             same = chosen[:count, None] == state.guess.segments[None]
             weights = (1 - how.weight_smoothing) * weights + how.weight_smoothing * (same @ state.guess.weights)
@@ -241,12 +240,13 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             q[:3] = ground.root
             return replace(state, quats_wxyz=quats, q=q, ground=ground)
         blended = np.empty_like(quats)
-        limit = how.rejoin_limit if state.rejoining else how.turn_limit
-        _pose_kernels.blend(before.quats_wxyz, before.guess.speed, quats, how.blend, limit, blended)
+        whole = state.age >= self.model.window
+        share, limit = (how.blend, how.turn_limit) if whole else (how.start_blend, how.start_limit)
+        limit = how.rejoin_limit if state.rejoining else limit
+        _pose_kernels.blend(before.quats_wxyz, before.guess.speed, quats, share, limit, blended)
         turning = (live - guess.signal).reshape(-1, 2, 3)[:, 1]
         excess = float((guess.ups * turning).sum()) / len(turning)
-        share = 1.0 / (how.turn_seconds * self.layout.rate)
-        drift = before.drift + share * (excess / self.layout.rate - before.drift)
+        drift = before.drift + (excess / self.layout.rate - before.drift) / (how.turn_seconds * self.layout.rate)
         last = before.guess.others
         heading = before.heading + float(last[3]) + drift
         way = state.wearer.leg * (heading_turn(before.heading) @ np.array([last[1], 0.0, last[2]]))

@@ -25,13 +25,17 @@ class PhaseHmmSettings:
         restart_states: States looked at for that at each step at most.
         beam: States whose log probability is so far below the best are dropped.
         neighbours: K, segments that are interpolated.
+        reach: States to either side of a segment's likeliest one that count where in it one is.
         one_phase: Whether they must all be of the most probable phase.
-        sharpness: Power of the segments' probabilities that makes their weights.
+        evenness: Segments that count in effect at least (1 over the sum of squared weights): the posterior of windows
+            that overlap is too sure of itself, and the mean of some examples is nearer than the best of them.
         weight_smoothing: Share of the last step's weights that is kept.
         shrinkage: Of the Gaussian map, see `fit_gaussian_map`.
         correction: Share of the Gaussian map's correction by the live signal that is applied.
         blend: Share of the way from the last pose, moved on by its velocity, to the new one.
         turn_limit: Most radians a frame by which a joint is turned beyond its velocity.
+        start_blend: `blend` until the longest window is filled: what was guessed first means little.
+        start_limit: `turn_limit` until then.
         rejoin_limit: The same during a silence and for `rejoin_seconds` after it.
         rejoin_seconds: How long a pose takes to rejoin what the sensors say after a silence.
         body_scale: Metres of difference of a bone's length that count as one standard deviation between the wearer
@@ -50,22 +54,25 @@ class PhaseHmmSettings:
     columns: int = 60
     short_windows: tuple[tuple[int, int], ...] = ((4, 16), (12, 32))
     window_emission: bool = True
-    tempering: float = 1.5
+    tempering: float = 0.1
     steps: tuple[float, float, float] = (0.2, 0.6, 0.2)
     upper_next: float = 0.5
     continuity: float = 0.5
-    restart: float = 0.05
+    restart: float = 0.2
     restart_states: int = 12_000
     beam: float = 12.0
-    neighbours: int = 10
+    neighbours: int = 16
+    reach: int = 3
     one_phase: bool = False
-    sharpness: float = 0.5
+    evenness: float = 4.0
     weight_smoothing: float = 0.0
     shrinkage: float = 0.3
-    correction: float = 0.3
-    blend: float = 0.5
-    turn_limit: float = 0.15
-    rejoin_limit: float = 0.05
+    correction: float = 0.0
+    blend: float = 0.3
+    turn_limit: float = 0.07
+    start_blend: float = 0.7
+    start_limit: float = 0.3
+    rejoin_limit: float = 0.025
     rejoin_seconds: float = 0.4
     body_scale: float = 0.002
     body_limit: float = 7.0
@@ -81,7 +88,8 @@ class PhaseHmmSettings:
 PAPER_SETTINGS = PhaseHmmSettings(
     window=1,
     neighbours=5,
-    sharpness=1.0,
+    reach=1000,
+    evenness=1.0,
     columns=0,
     short_windows=(),
     window_emission=False,
@@ -93,6 +101,11 @@ PAPER_SETTINGS = PhaseHmmSettings(
     weight_smoothing=0.7,
     shrinkage=0.3,
     correction=1.0,
+    blend=0.5,
+    turn_limit=0.15,
+    start_blend=0.5,
+    start_limit=0.15,
+    rejoin_limit=0.05,
     body_limit=0.0,
     mounting=0.0,
 )
