@@ -16,7 +16,7 @@ from mcap.writer import Writer
 from poseloom.errors import FormatError, SensorError
 from poseloom.formats.recording import CUT_OFF, describe_recording, read_recording, write_recording
 from poseloom.formats.recording_header import RecordingHeader
-from poseloom.formats.recording_writer import RecordingWriter
+from poseloom.formats.recording_writer import PackedIndex, RecordingWriter
 from poseloom.sensors import (
     Recording,
     SensorKind,
@@ -157,6 +157,25 @@ def test_other_readers_of_mcap_understand_the_file(take: Recording, take_file: P
     np.testing.assert_array_equal(row["positions"], take.positions[0])
 
 
+def test_the_list_of_chunks_is_kept_packed_and_written_whole(take: Recording, tmp_path: Path):
+    path = tmp_path / "often.mcap"
+    header = RecordingHeader(take.layout, take.placements, take.skeleton, take.name)
+    with RecordingWriter(path, header) as writer:
+        for index in range(30):
+            writer.write_sample(take.sample(index))
+            writer.flush()
+        chunks = getattr(writer._writer, "_Writer__chunk_indices")  # noqa: B009
+        assert isinstance(chunks, PackedIndex)
+        assert len(chunks) == 0  # nothing is kept as an object
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert len(summary.chunk_indexes) == 31  # the header's, and one a flush
+        late = [message.log_time for _, _, message in reader.iter_messages("/samples", starting_at=round(take.times[20] * 1e9))]
+    assert len(late) == 10
+
+
 def test_cut_anywhere_the_file_is_read_to_its_last_whole_chunk(take: Recording, tmp_path: Path):
     assert take.truth is not None
     whole = tmp_path / "whole.mcap"
@@ -188,7 +207,7 @@ def test_cut_anywhere_the_file_is_read_to_its_last_whole_chunk(take: Recording, 
 _ENDLESS = """
 import sys, numpy as np
 from poseloom.formats.recording_header import RecordingHeader
-from poseloom.formats.recording_writer import RecordingWriter
+from poseloom.formats.recording_writer import PackedIndex, RecordingWriter
 from poseloom.sensors import default_placements, layout, make_recording
 from poseloom.skeleton.body import average_body
 three = layout("three-trackers")

@@ -1,11 +1,13 @@
 """Recordings on their way to disk, sample by sample, in MCAP: what was written survives the writer's sudden end."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
+from mcap.data_stream import RecordBuilder
 from mcap.writer import CompressionType, Writer
 
 from poseloom.arrays import Array, Floats
@@ -20,6 +22,8 @@ TRUTH_TOPIC = "/truth"
 BINARY = "x-poseloom-f64le"
 """Message encoding of samples and truth: little-endian doubles and status bytes; the schema names the parts."""
 
+_LIST_OF_CHUNKS = "_Writer__chunk_indices"
+"""The attribute of MCAP's writer; should a later one call it otherwise, memory grows and nothing else changes."""
 _NANOSECONDS = 1e9
 _LAST_NANOSECOND = 2**64 - 1
 
@@ -53,6 +57,8 @@ class RecordingWriter:
         self._file = _new_file(self.path)
         # Writing through a stream that we opened, not by name: only then is it closed if finishing fails.
         self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        # Its own list of chunks would grow by 80 kB a minute in a live session, which flushes twice a second.
+        setattr(self._writer, _LIST_OF_CHUNKS, PackedIndex())
         self._writer.start(profile=FORMAT, library="poseloom")
         self._topics = self._register()
         self._add(HEADER_TOPIC, 0.0, header_to_json(self.header))
@@ -138,6 +144,28 @@ class RecordingWriter:
         # MCAP's clock knows no times before zero; the exact time stands in the sample itself.
         moment = min(max(round(time * _NANOSECONDS), 0), _LAST_NANOSECOND)
         self._writer.add_message(self._topics[topic], moment, data, moment, self._count)
+
+
+class PackedIndex(list[Any]):
+    """The chunks of a file, which its end lists, as the bytes that will be written there: a sixth of the objects."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._records = bytearray()
+
+    def append(self, index: Any, /) -> None:
+        """Takes in one chunk's record."""
+        builder = RecordBuilder()
+        index.write(builder)
+        self._records += builder.end()
+
+    def __iter__(self) -> Iterator[Any]:
+        """All of them as one thing that can be written."""
+        yield self
+
+    def write(self, stream: RecordBuilder) -> None:
+        """Writes all records."""
+        stream.write(self._records)
 
 
 def _new_file(path: Path) -> IO[bytes]:

@@ -12,6 +12,8 @@ _EVERY = 15
 """Steps between looks at the percentiles, which cost more than a step's bookkeeping."""
 _BINS = np.concatenate([np.arange(0.0, 50.0, 0.05), np.geomspace(50.0, 60_000.0, 200)])
 """Edges of a histogram, milliseconds."""
+BIN_COUNT = len(_BINS)
+"""Bins of a histogram."""
 
 
 class Delays:
@@ -19,7 +21,7 @@ class Delays:
 
     def __init__(self) -> None:
         self._last: deque[float] = deque(maxlen=_LAST)
-        self._counts = np.zeros(len(_BINS), dtype=np.int64)
+        self._counts = np.zeros(BIN_COUNT, dtype=np.int64)
         self._lock = threading.Lock()
         self._count = 0
         self._percentiles = (0.0, 0.0, 0.0)
