@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from poseloom.benchmark.live.measuring import Notebook, Watched, running, wait_until
-from poseloom.benchmark.live.stage import RATE, Stage, device, listening_port, visitor
+from poseloom.benchmark.live.measuring import Watched, running, wait_until
+from poseloom.benchmark.live.notebook import Jumps, Notebook, fastest_in
+from poseloom.benchmark.live.stage import CLIP, RATE, Stage, device, listening_port, visitor
 from poseloom.evaluation.rows import Row
 from poseloom.formats.recording import read_recording
 from poseloom.live.contract import Level
@@ -22,8 +23,6 @@ from poseloom.sensors import Recording
 from poseloom.viewer.session import SessionViewer
 
 Show = Callable[[str, int, int], None]
-_WALKING = 2.0
-"""Metres a second that the root moves at most in the clip."""
 _row = partial(Row, "faults", split="none")
 
 
@@ -53,7 +52,8 @@ def _each_silent(stage: Stage) -> list[Row]:
     faults = [f"silent:{name}:{2 * (place % 5) + 2}:{2 * (place % 5) + 3}" for place, name in enumerate(worn.names)]
     rows: list[Row] = []
     found: list[float] = []
-    jumps: list[float] = []
+    jumps: list[Jumps] = []
+    fastest = fastest_in(CLIP, worn)
     named = 0
     # The clip lasts 12.7 s, so the sixth sensor has a turn of its own.
     for part in (faults[:5], faults[5:]):
@@ -65,14 +65,14 @@ def _each_silent(stage: Stage) -> list[Row]:
         delays = _naming_delays(stage, f"silent-{len(part)}.mcap")
         named += len(delays)
         found += delays
-        jumps.append(_largest_jump(notebook))
+        jumps.append(notebook.jumps(fastest, silent=1))
         rows += _alive("each sensor silent for 1 s", watched)[:1]
     name = "each sensor silent for 1 s"
     return [
         *rows[:1],
         _row(name, "", metric="sensors_named", value=float(named), frames=len(worn)),
         _row(name, "", metric="named_after_s_most", value=max(found, default=float("nan")) if found else 99.0),
-        _row(name, "", metric="largest_jump_cm", value=max(jumps)),
+        *_jump_rows(name, jumps),
     ]
 
 
@@ -110,13 +110,16 @@ def _all_silent(stage: Stage) -> list[Row]:
     starts, stops = edges[::2], edges[1::2]
     inner = [(stop - start, start, stop) for start, stop in zip(starts, stops, strict=True) if stop < len(states)]
     longest, _, end = max(inner, default=(0, 0, 0))
-    back = states[end : end + 120]
+    back = states[end:]
+    gliding = int(np.argmin(np.concatenate([back == "rejoining", [False]])))
+    following = back[gliding : gliding + 60]
     return [
         *_alive(name, watched),
         _row(name, "", metric="poses_without_sensors", value=float(longest)),
-        _row(name, "", metric="poses_after_it", value=float(len(back))),
-        _row(name, "", metric="of_them_ok_or_degraded", value=float(np.isin(back, ["ok", "degraded"]).sum())),
-        _row(name, "", metric="largest_jump_cm", value=_largest_jump(notebook)),
+        _row(name, "", metric="s_of_rejoining", value=gliding / RATE),
+        _row(name, "", metric="poses_after_it", value=float(len(following))),
+        _row(name, "", metric="of_them_ok_or_degraded", value=float(np.isin(following, ["ok", "degraded"]).sum())),
+        *_jump_rows(name, [notebook.jumps(fastest_in(CLIP, worn), silent=None)]),
     ]
 
 
@@ -213,7 +216,7 @@ def _clock_jumps(stage: Stage) -> list[Row]:
     name = "clock jumps by an hour"
     notebook = Notebook()
     plan = stage.plan("udp:0,rate=60", (notebook,))
-    recording = virtual_recording("sample:walk", plan.layout)
+    recording = virtual_recording(CLIP, plan.layout)
     with running([plan]) as (watched,), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as speaker:
         wait_until(lambda: listening_port(plan) > 0, 60.0)
         address = ("127.0.0.1", listening_port(plan))
@@ -223,7 +226,7 @@ def _clock_jumps(stage: Stage) -> list[Row]:
     return [
         *_alive(name, watched),
         _row(name, "", metric="packets_taken_for_late", value=float(_counters(watched).stale), frames=len(offsets)),
-        _row(name, "", metric="largest_jump_cm", value=_largest_jump(notebook)),
+        *_jump_rows(name, [notebook.jumps(fastest_in(CLIP, plan.layout), silent=0)]),
     ]
 
 
@@ -253,10 +256,13 @@ def _alive(name: str, watched: Watched) -> list[Row]:
     return [_row(name, "", metric="failures", value=float(failures), frames=frames)]
 
 
-def _largest_jump(notebook: Notebook) -> float:
-    """Largest step of the root beyond what somebody walks in the time between two poses, centimetres."""
-    if len(notebook.poses) < 120:
-        return 0.0
-    q, times = np.stack(notebook.poses), np.array(notebook.times)
-    steps = np.linalg.norm(np.diff(q[:, :3], axis=0), axis=1) - _WALKING * np.diff(times)
-    return float(100 * steps[60:].max(initial=0.0))
+def _jump_rows(name: str, jumps: list[Jumps]) -> list[Row]:
+    """The largest of some, apart from what the device's own process was late for."""
+    rows = [_row(name, "", metric="largest_jump_cm", value=max(each.largest for each in jumps))]
+    waits = sum(each.waits for each in jumps)
+    if waits:
+        rows += [
+            _row(name, "", metric="times_that_the_device_was_kept_waiting", value=float(waits)),
+            _row(name, "", metric="largest_jump_cm_then", value=max(each.kept_waiting for each in jumps)),
+        ]
+    return rows

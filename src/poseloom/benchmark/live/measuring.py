@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from poseloom.live.contract import Counters, Post, SessionFacts, Update
-from poseloom.live.delays import Delays
+from poseloom.live.contract import Counters
+from poseloom.live.delays import BIN_COUNT, Delays
 from poseloom.live.responsiveness import responsive_process
 from poseloom.live.session import Session
 from poseloom.live.session_plan import SessionPlan, SessionSummary
@@ -25,7 +25,9 @@ class Reading:
     Attributes:
         time: Seconds since it began.
         memory: Resident memory of the process, MB; 0 where the system does not tell.
-        histogram: Of all delays so far, in the bins of `Delays`.
+        bins: Those bins of `Delays` into which delays fell since the look before. A long session is looked at often:
+            whole histograms would look like a session that grows.
+        counts: How many fell into each.
         counters: Totals so far.
         load: Processes that want a core, over the last minute.
         cpu: Seconds of a core that the process has used.
@@ -33,7 +35,8 @@ class Reading:
 
     time: float
     memory: float
-    histogram: NDArray[np.int64]
+    bins: NDArray[np.int16]
+    counts: NDArray[np.uint32]
     counters: Counters
     load: float
     cpu: float
@@ -52,12 +55,33 @@ class Watched:
     session: Session
     readings: list[Reading] = field(default_factory=list[Reading])
     summary: SessionSummary | None = None
+    _seen: NDArray[np.int64] = field(default_factory=lambda: np.zeros(BIN_COUNT, dtype=np.int64), repr=False)
+
+    def look(self, moment: float) -> None:
+        """Adds a look at it, so many seconds after it began."""
+        now = self.session.delays.histogram()
+        fresh, self._seen = now - self._seen, now
+        bins = np.flatnonzero(fresh)
+        self.readings.append(
+            Reading(
+                moment,
+                resident_memory(),
+                bins.astype(np.int16),
+                fresh[bins].astype(np.uint32),
+                self.session.counters,
+                os.getloadavg()[0],
+                time.process_time(),
+            )
+        )
 
     def percentiles(self, start: float = 0.0, stop: float = 1.0) -> tuple[float, float, float]:
         """Median, 95th and 99th percentile of the delays of a stretch of the session, given as shares; milliseconds."""
         last = len(self.readings) - 1
-        first, end = self.readings[round(start * last)], self.readings[round(stop * last)]
-        return Delays.percentiles_of(end.histogram - (first.histogram if start > 0 else 0))
+        first, end = round(start * last) + 1 if start > 0 else 0, round(stop * last) + 1
+        histogram = np.zeros(BIN_COUNT, dtype=np.int64)
+        for reading in self.readings[first:end]:
+            histogram[reading.bins] += reading.counts
+        return Delays.percentiles_of(histogram)
 
     def memory(self, start: float, stop: float) -> float:
         """Median resident memory of a stretch, MB."""
@@ -90,20 +114,14 @@ def running(plans: list[SessionPlan], every: float = 5.0) -> Generator[list[Watc
             ended.set()
             looking.join()
             for each in watched:
-                each.readings.append(_reading(each.session, 0.0 if not each.readings else each.readings[-1].time))
+                each.look(0.0 if not each.readings else each.readings[-1].time)
 
 
 def _look(watched: list[Watched], ended: threading.Event, every: float) -> None:
     began = time.monotonic()
     while not ended.wait(every):
         for each in watched:
-            each.readings.append(_reading(each.session, time.monotonic() - began))
-
-
-def _reading(session: Session, moment: float) -> Reading:
-    return Reading(
-        moment, resident_memory(), session.delays.histogram(), session.counters, os.getloadavg()[0], time.process_time()
-    )
+            each.look(time.monotonic() - began)
 
 
 def resident_memory() -> float:
@@ -124,37 +142,3 @@ def wait_until(condition: Callable[[], bool], seconds: float) -> bool:
             return True
         time.sleep(0.005)
     return condition()
-
-
-class Notebook:
-    """A sink that keeps what a judge of the session needs, and no more.
-
-    Attributes:
-        times: Of each update's sample, session seconds.
-        poses: Pose vectors.
-        states: Health, in words.
-    """
-
-    name = "notebook"
-    capacity = 100_000
-
-    def __init__(self) -> None:
-        self.times: list[float] = []
-        self.poses: list[NDArray[np.float64]] = []
-        self.states: list[str] = []
-
-    def open(self, facts: SessionFacts, post: Post) -> None:
-        """See `Sink`."""
-
-    def changed(self, facts: SessionFacts) -> None:
-        """See `Sink`."""
-
-    def show(self, update: Update) -> None:
-        """See `Sink`."""
-        if update.frame is not None:
-            self.times.append(update.sample.time)
-            self.poses.append(update.frame.pose.q)
-            self.states.append(update.frame.health.state.value)
-
-    def close(self) -> None:
-        """See `Sink`."""

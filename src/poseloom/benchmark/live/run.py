@@ -56,7 +56,6 @@ def measure_live(plan: LivePlan, show: Callable[[str, int, int], None]) -> Resul
 
 
 def with_rows_of(results: Results, before: Results) -> Results:
-    """The results, and those of an earlier run for what was not measured now."""
-    measured = {(row.table, row.method) for row in results.rows}
-    kept = tuple(row for row in before.rows if (row.table, row.method) not in measured)
-    return replace(results, rows=(*results.rows, *kept))
+    """The results, and those of an earlier run for the parts that were not measured now."""
+    measured = {row.table for row in results.rows}
+    return replace(results, rows=(*results.rows, *(row for row in before.rows if row.table not in measured)))

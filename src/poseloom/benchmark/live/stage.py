@@ -16,7 +16,7 @@ from poseloom.live.sources_network import DatagramSource, VmcSource
 from poseloom.viewer.session import SessionViewer
 
 RATE = 60.0
-_CLIP = "sample:walk"
+CLIP = "sample:walk"
 _READY = 60.0
 
 
@@ -91,7 +91,7 @@ def device(
     kind: str, port: int, seconds: float | None = None, rate: float = RATE, faults: Sequence[str] = (), seed: int = 0
 ) -> Device:
     """Starts a simulated device that performs the walk, and waits until it speaks."""
-    command = [sys.executable, "-m", "poseloom", "simulate-device", kind, _CLIP, "--to", f"127.0.0.1:{port}"]
+    command = [sys.executable, "-m", "poseloom", "simulate-device", kind, CLIP, "--to", f"127.0.0.1:{port}"]
     command += ["--rate", f"{rate:g}", "--seed", str(seed)]
     command += [] if seconds is None else ["--seconds", f"{seconds:g}"]
     for fault in faults:
