@@ -100,8 +100,8 @@ def mirror_bones() -> tuple[int, ...]:
 def moving_dofs() -> Bools[Array, "dofs"]:
     """Which pose-vector entries are moving angles, for `joint_angle_deg`: no root place, toes or hinge's still axes.
 
-    Knees bend about X only; elbows bend (Y) and roll (X). Counting axes that never move would flatter every method. (Where
-    a straight arm's twist was shared, see `forearms`, its few degrees of bend are partly about Z; they do not count.)
+    Knees bend about X only; elbows bend (Y) and roll (X). Counting axes that never move would flatter every method.
+    (Where a straight arm's twist was shared, see `forearms`, its small bend is partly about Z, which does not count.)
     """
     moving = np.ones(3 + 3 * len(BODY_BONES), dtype=np.bool_)
     moving[:3] = False
