@@ -57,7 +57,8 @@ from poseloom.viewer.access import Access, access_for
 from poseloom.viewer.colours import LEVELS, METHODS, UNSURE, doubtful
 from poseloom.viewer.figure import Figure, FigureLook
 from poseloom.viewer.markers import SoleContacts, Trail
-from poseloom.viewer.player import Player, _Clock
+from poseloom.viewer.player import Player
+from poseloom.viewer.playing_clock import PlayingClock
 from poseloom.viewer.plots import POINTS, Rolling, decimated
 from poseloom.viewer.server import OpenServer, open_server
 from poseloom.viewer.session import SessionViewer
@@ -497,8 +498,8 @@ def test_what_cannot_be_shown_is_refused(walk_file: Path, tmp_path: Path):
 
 def test_the_clock_plays_seeks_and_stops_at_the_end(monkeypatch: pytest.MonkeyPatch):
     now = [0.0]
-    monkeypatch.setattr("poseloom.viewer.player.time.monotonic", lambda: now[0])
-    clock = _Clock(10.0)
+    monkeypatch.setattr("poseloom.viewer.playing_clock.time.monotonic", lambda: now[0])
+    clock = PlayingClock(10.0)
     now[0] = 5.0
     assert clock.now() == 0.0
     clock.toggle()

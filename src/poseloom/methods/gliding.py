@@ -100,7 +100,9 @@ def glide_to(
         now = replace(now, offset=None, rate=None)
     shown = q if now.offset is None else _added(skeleton, q, _remaining(now, settings), glide.shown)
     if time <= until:
-        movement = _difference(skeleton, glide.shown, glide.before) * (passed / glide.passed if glide.passed else 0.0)
+        # Samples may come closer together than they are apart in time: never on by more than the last movement.
+        share = min(passed / glide.passed, 1.0) if glide.passed else 0.0
+        movement = share * _difference(skeleton, glide.shown, glide.before)
         led = _added(skeleton, glide.shown, movement, glide.shown)
         if _distance(skeleton, shown, led) > settings.leap:
             now, shown = _aimed(glide, now, skeleton, q, led, settings), led

@@ -102,7 +102,7 @@ def _all_silent(stage: Stage) -> list[Row]:
     plan = stage.plan("udp:0,rate=60", (notebook,))
     with running([plan]) as (watched,):
         wait_until(lambda: listening_port(plan) > 0, 60.0)
-        device("udp", listening_port(plan), 9.0, faults=[f"silent:{each}:3:6" for each in worn.names]).wait()
+        device("udp", listening_port(plan), 12.0, faults=[f"silent:{each}:3:6" for each in worn.names]).wait()
     states = np.array(notebook.states)
     without = np.isin(states, ["coasting", "lost"])
     # The longest stretch without sensors before the device's end is the fault; a busy machine makes short ones, too.
