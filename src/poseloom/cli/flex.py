@@ -110,7 +110,9 @@ def benchmark_flex(
     subject_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the by-subject split.")] = 2,
     other_seeds: Annotated[int, typer.Option(min=1, help="Seeds of the Transformer, FCN and TCN, at most.")] = 2,
     full: Annotated[bool, typer.Option("--full", help="Fit the paper's network at its full size, too.")] = False,
-    length_seeds: Annotated[int, typer.Option(min=1, help="Seeds of each calibration length.")] = 1,
+    length_seeds: Annotated[
+        int, typer.Option(min=1, help="Seeds of each calibration length, and of ranges found once.")
+    ] = 1,
     json: Annotated[Path | None, typer.Option("--json", help="File for the figures as rows.")] = None,
     markdown: Annotated[
         Path | None, typer.Option("--markdown", help="Page to put the figures into, between its marks.")

@@ -50,7 +50,7 @@ class Plan:
         draws: Sets of training sensors.
         thin: Keep every so many clips only.
         lengths: Calibration lengths of table 6.
-        length_seeds: Number of seeds for those.
+        length_seeds: Number of seeds for those, and for ranges that are found once.
         full: Whether the paper's network is fitted at its full size, too.
     """
 
@@ -190,7 +190,7 @@ def _first_range_rows(material: Material, plan: Plan, progress: Progress) -> lis
     inputs = material.heard_at_first_range(material.suit(WITHIN))
     found: Runs = {}
     spoken: dict[str, Teller] = {}
-    for seed in range(plan.seeds[WITHIN]):
+    for seed in range(plan.length_seeds):
         for contestant, name in (("Bi-LSTM", "Bi-LSTM-M"), ("Bi-LSTM-C", "Bi-LSTM-CM")):
             trial = Trial(contestant, WITHIN, seed, fixed=True)
             fitted = _fit(material, plan, trial, progress, sets)
