@@ -4,12 +4,9 @@ import asyncio
 import contextlib
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-from poseloom.calibration.calibration import Calibration
-from poseloom.errors import PoseloomError, unknown_name
-from poseloom.live.alignment import facing_ahead
+from poseloom.errors import PoseloomError
 from poseloom.live.calibration_desk import CalibrationDesk
 from poseloom.live.contract import (
     Calibrate,
@@ -28,13 +25,14 @@ from poseloom.live.contract import (
 )
 from poseloom.live.delays import Delays
 from poseloom.live.hearing import Hearing
+from poseloom.live.helm import Helm
 from poseloom.live.notices import Notices
 from poseloom.live.recording_desk import RecordingDesk
 from poseloom.live.session_plan import SessionPlan, SessionSummary
 from poseloom.live.sinks.outlet import Outlet
 from poseloom.live.watch import Watch, WatchState, ended_findings, new_findings
 from poseloom.live.worker import Engine, MethodWorker, Worked, warm_up
-from poseloom.sensors import Sample, SensorKind
+from poseloom.sensors import Sample
 
 _TICK = 0.01
 """Seconds between looks at silence and at samples that wait for a late sensor."""
@@ -53,41 +51,29 @@ class Session:
         self.delays = Delays()
         self._notices = Notices()
         self.tell = self._notices.tell
-        self._facts = SessionFacts(
-            layout=plan.layout,
-            skeleton=plan.skeleton,
-            placements=plan.placements,
-            calibrated=plan.calibrated,
-            method=plan.method,
-            methods=plan.methods or (plan.method,),
-            delay=0,
-            sources=tuple(source.name for source in plan.sources),
-            guided=all(sensor.kind is SensorKind.TRACKER for sensor in plan.layout.sensors),
-        )
         self._watch = Watch(plan.layout)
         self._watching = self._watch.start()
         self._hearing = Hearing(plan.layout, self._admit, self.tell, len(plan.sources) == 1, plan.thin)
         self._outlets = [Outlet(sink, self.post, self.tell) for sink in plan.sinks]
         self._records = RecordingDesk(plan.folder, plan.settings, self.tell)
+        self._helm = Helm(plan, self._records, self._outlets, self._reached, self.tell)
         self._calibration = CalibrationDesk(
-            plan.layout, lambda: self._records.file("calibration", ".npz"), self.tell, self._take_calibration
+            plan.layout, lambda: self._records.file("calibration", ".npz"), self.tell, self._helm.take_calibration
         )
         self._number = 0
         self._newest: Sample | None = None
         self._frames = 0
-        self._last_pose: Any = None
         self._failure_told = -1e9
         self._loop: asyncio.AbstractEventLoop | None = None
         self._early: list[Command] = []
         self._began = 0.0
-        self._tasks: set[asyncio.Future[Any]] = set()
 
     # What others may ask at any time
 
     @property
     def facts(self) -> SessionFacts:
         """The present facts."""
-        return self._facts
+        return self._helm.facts
 
     @property
     def counters(self) -> Counters:
@@ -137,17 +123,16 @@ class Session:
         plan = self.plan
         engine = Engine(plan.method, plan.make(plan.method), plan.skeleton, plan.placements)
         warm_up(engine, plan.layout)
-        self._facts = replace(self._facts, delay=engine.method.delay)
-        self._engine = engine
         self._worker = MethodWorker(engine, self._deliver, self._method_failed, plan.capacity, plan.patience)
+        self._helm.take(engine, self._worker)
         self._end = asyncio.Event()
         opened: list[Outlet] = []
         began = time.monotonic()
         try:
             if plan.record is not None:
-                self._begin_recording(plan.record)
+                self._helm.begin_recording(plan.record)
             for outlet in self._outlets:
-                outlet.open(self._facts)
+                outlet.open(self._helm.facts)
                 opened.append(outlet)
             self._loop = asyncio.get_running_loop()
             self._began = began = time.monotonic()
@@ -240,13 +225,13 @@ class Session:
     def _deliver(self, worked: Worked) -> None:
         if worked.frame is not None:
             self._frames += 1
-            self._last_pose = worked.frame.pose
+            self._helm.pose = worked.frame.pose
         update = Update(
             number=worked.number,
             sample=worked.sample,
             frame=worked.frame,
             finished=worked.finished,
-            latency=self.delays.latest(self._facts.delay / self.plan.layout.rate),
+            latency=self.delays.latest(self._helm.facts.delay / self.plan.layout.rate),
             counters=self.counters,
             findings=self.findings,
             notices=self._notices.shown,
@@ -256,7 +241,7 @@ class Session:
             if outlet.sink.capacity == 0:
                 outlet.show(update)
         self.delays.add(time.monotonic() - worked.raw.arrival, worked.finished - worked.begun)
-        update = replace(update, latency=self.delays.latest(self._facts.delay / self.plan.layout.rate))
+        update = replace(update, latency=self.delays.latest(self._helm.facts.delay / self.plan.layout.rate))
         for outlet in self._outlets:
             if outlet.sink.capacity > 0:
                 outlet.show(update)
@@ -268,7 +253,7 @@ class Session:
             self._failure_told = now
             reason = str(error) if isinstance(error, PoseloomError) else f"{type(error).__name__}: {error}"
             self.tell(Level.ERROR, f"the method failed on sample {number} and begins anew: {reason}")
-        self._records.start(number + 1, self._engine, 0.0)
+        self._records.start(number + 1, self._helm.engine, 0.0)
 
     # In the event loop: commands
 
@@ -282,82 +267,18 @@ class Session:
         if isinstance(command, Stop):
             self._end.set()
         elif isinstance(command, ResetHeading):
-            self._reset_heading()
+            self._helm.reset_heading()
         elif isinstance(command, StartRecording):
-            self._begin_recording(command.path or self._records.file("session", ".mcap"))
-            self._restart(self._engine)
+            self._helm.record(command.path)
         elif isinstance(command, StopRecording):
-            self._records.end()
-            self._tell_facts()
+            self._helm.stop_recording()
         elif isinstance(command, ChooseMethod):
-            self._choose(command.name)
+            self._helm.choose(command.name)
         elif isinstance(command, Calibrate):
             self._calibration.begin(command, self._newest)
         else:
             self._calibration.cancel()
 
-    def _begin_recording(self, path: Path) -> None:
-        self._records.begin(path, self._facts, self._engine, self._number)
-        self._facts = replace(self._facts, recording=path)
-
-    def _reset_heading(self) -> None:
-        pose = self._last_pose
-        if pose is None:
-            self.tell(Level.WARNING, "the heading cannot be reset before there is a pose")
-            return
-        alignment = facing_ahead(self._engine.alignment, pose.q)
-        self._restart(replace(self._engine, alignment=alignment))
-        self.tell(Level.NOTE, "heading reset")
-
-    def _choose(self, name: str) -> None:
-        if name not in self._facts.methods:
-            raise unknown_name("method", name, self._facts.methods)
-
-        async def prepare() -> None:
-            try:
-                method = await asyncio.to_thread(self.plan.make, name)
-                engine = replace(self._engine, name=name, method=method)
-                await asyncio.to_thread(warm_up, engine, self.plan.layout)
-            except PoseloomError as error:
-                self.tell(Level.ERROR, str(error))
-                return
-            self._restart(replace(self._engine, name=name, method=method))
-            self.tell(Level.NOTE, f"the method is {name}")
-
-        self._keep(prepare())
-
-    def _take_calibration(self, calibration: Calibration) -> None:
-        skeleton, placements = calibration.skeleton, calibration.placements
-        self._facts = replace(self._facts, skeleton=skeleton, placements=placements, calibrated=True)
-        engine = replace(self._engine, skeleton=skeleton, placements=placements)
-        try:
-            # A recording has one body: the new one gets a file of its own.
-            self._records.continue_with(self._facts, engine, self._number)
-        except (PoseloomError, OSError) as error:
-            self.tell(Level.ERROR, f"the recording cannot go on: {error}")
-        self._restart(engine)
-
-    def _restart(self, engine: Engine) -> None:
-        """Lets the method begin anew with an engine, after the samples that it has still to hear."""
-        self._engine = engine
-        facts = replace(self._facts, method=engine.name, delay=engine.method.delay, recording=self._records.path)
-        self._facts, number = facts, self._number
-        at = 0.0 if self._newest is None else self._newest.time
-
-        def begin() -> None:
-            self._records.start(number, engine, at)
-            for outlet in self._outlets:
-                outlet.changed(facts)
-
-        self._worker.restart(engine, begin)
-
-    def _tell_facts(self) -> None:
-        self._facts = replace(self._facts, recording=self._records.path)
-        for outlet in self._outlets:
-            outlet.changed(self._facts)
-
-    def _keep(self, work: Any) -> None:
-        """Runs a coroutine; the loop itself holds tasks only weakly."""
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+    def _reached(self) -> tuple[int, float]:
+        """The number of the next sample, and the newest one's time."""
+        return self._number, 0.0 if self._newest is None else self._newest.time
