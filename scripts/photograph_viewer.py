@@ -6,7 +6,7 @@ Needs Chromium and the extra dev (playwright). Trackers are simulated on the bui
 """
 
 import argparse
-import shutil
+import sys
 import tempfile
 import threading
 from dataclasses import dataclass
@@ -30,20 +30,11 @@ from poseloom.viewer.player import Player
 from poseloom.viewer.session import SessionViewer
 from poseloom.viewer.tracks import Wanted, load_take
 
-IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = ROOT / "docs" / "images"
+sys.path.append(str(ROOT / "tests"))
+from browsing import FLAGS, chromium  # noqa: E402  (the tests' own browser)
+
 DESK, PHONE = (1280, 800), (390, 844)
 
 
@@ -154,7 +145,7 @@ def opened_page(playwright: Playwright, profile: Path, url: str, size: tuple[int
     """The viewer's page in a new browser, once a button of this name is there."""
     browser = playwright.chromium.launch_persistent_context(
         profile,
-        executable_path=shutil.which("chromium"),
+        executable_path=chromium(),
         args=FLAGS,
         viewport={"width": size[0], "height": size[1]},
     )

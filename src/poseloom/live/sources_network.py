@@ -1,7 +1,9 @@
 """Sources that listen to a UDP port: VMC, and poseloom's own datagrams."""
 
+import abc
 import asyncio
 from collections.abc import Mapping
+from typing import ClassVar
 
 from poseloom.live.datagrams import DatagramPort
 from poseloom.live.device_roles import guess_roles
@@ -16,7 +18,45 @@ _LOOKING = 0.5
 _MOST_DEVICES = 32
 
 
-class VmcSource:
+class PortSource(abc.ABC):
+    """Something that sends datagrams to a port.
+
+    Args:
+        layout: The sensors.
+        host: Address to listen on.
+        port: Port to listen on; 0 lets the system choose.
+
+    Attributes:
+        protocol: What is spoken there, in a word.
+    """
+
+    protocol: ClassVar[str]
+
+    def __init__(self, layout: SensorLayout, host: str, port: int) -> None:
+        self.layout = layout
+        self.host, self.port = host, port
+
+    @property
+    def name(self) -> str:
+        """See `Source`."""
+        return f"{self.protocol} on {self.host}:{self.port}"
+
+    async def run(self, listener: Listener) -> None:
+        """See `Source`."""
+
+        def hear(data: bytes, arrival: float, sender: str) -> None:
+            self.hear(data, arrival, sender, listener)
+
+        async with DatagramPort(self.host, self.port, hear, listener.lost) as opened:
+            self.port = opened.port
+            await asyncio.Event().wait()
+
+    @abc.abstractmethod
+    def hear(self, data: bytes, arrival: float, sender: str, listener: Listener) -> None:
+        """Takes in one datagram."""
+
+
+class VmcSource(PortSource):
     """Headset, controllers and trackers by the VMC protocol.
 
     The devices share no clock: a reading's time is its arrival.
@@ -28,6 +68,8 @@ class VmcSource:
         roles: Sensor names by serial number, where a person said; the others are guessed.
     """
 
+    protocol = "vmc"
+
     def __init__(
         self,
         layout: SensorLayout,
@@ -35,27 +77,11 @@ class VmcSource:
         port: int = VMC_PORT,
         roles: Mapping[str, str] | None = None,
     ) -> None:
-        self.layout = layout
-        self.host, self.port = host, port
+        super().__init__(layout, host, port)
         self._given = dict(roles or {})
         self._roles: dict[str, str] = {}
         self._devices: dict[str, Device] = {}
         self._first: float | None = None
-
-    @property
-    def name(self) -> str:
-        """See `Source`."""
-        return f"vmc on {self.host}:{self.port}"
-
-    async def run(self, listener: Listener) -> None:
-        """See `Source`."""
-
-        def hear(data: bytes, arrival: float, sender: str) -> None:
-            self.hear(data, arrival, sender, listener)
-
-        async with DatagramPort(self.host, self.port, hear, listener.lost) as opened:
-            self.port = opened.port
-            await asyncio.Event().wait()
 
     def hear(self, data: bytes, arrival: float, sender: str, listener: Listener) -> None:
         """Takes in one datagram."""
@@ -107,7 +133,7 @@ class VmcSource:
             listener.note(told)
 
 
-class DatagramSource:
+class DatagramSource(PortSource):
     """poseloom's own datagrams, JSON or binary.
 
     Args:
@@ -116,24 +142,10 @@ class DatagramSource:
         port: Port to listen on; 0 lets the system choose.
     """
 
+    protocol = "udp"
+
     def __init__(self, layout: SensorLayout, host: str = "127.0.0.1", port: int = WIRE_PORT) -> None:
-        self.layout = layout
-        self.host, self.port = host, port
-
-    @property
-    def name(self) -> str:
-        """See `Source`."""
-        return f"udp on {self.host}:{self.port}"
-
-    async def run(self, listener: Listener) -> None:
-        """See `Source`."""
-
-        def hear(data: bytes, arrival: float, sender: str) -> None:
-            self.hear(data, arrival, sender, listener)
-
-        async with DatagramPort(self.host, self.port, hear, listener.lost) as opened:
-            self.port = opened.port
-            await asyncio.Event().wait()
+        super().__init__(layout, host, port)
 
     def hear(self, data: bytes, arrival: float, sender: str, listener: Listener) -> None:
         """Takes in one datagram."""
