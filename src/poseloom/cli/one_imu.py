@@ -21,6 +21,7 @@ _SHOWN = frozenset(
             "right_phase_percent",
             "phase_begins_off_ms",
         ),
+        *("first_minute_ms_p50", "last_minute_ms_p50", "peak_gained_kb"),
         *("largest_jump_cm", "worst_jump_cm", "leg_position_cm", "mean_over_behaviours_cm", "frames_a_second"),
     }
 )
@@ -49,7 +50,7 @@ def one_imu(
         list[str] | None,
         typer.Option(
             "--part",
-            help="3, specialists, subject, 10, 2, transitions, phases, dropouts, real or sweep; all but the last.",
+            help="3, specialists, subject, 10, 2, long, transitions, phases, dropouts, real, sweep; all but this.",
         ),
     ] = None,
     method: Annotated[

@@ -44,7 +44,7 @@ def one_imu_figures(results: Results, commit: str) -> str:
         "the hips removed, ± the standard deviation over sequences."
     ]
     builders: tuple[Callable[[Sequence[Row]], str], ...] = (
-        _three, _other, _subject, _ten, _two, _transitions, _phases, _dropouts, _walk, _sweep,
+        _three, _other, _subject, _ten, _two, _long, _transitions, _phases, _dropouts, _walk, _sweep,
     )  # fmt: skip
     return "\n\n".join([*parts, *(text for build in builders if (text := build(results.rows)))])
 
@@ -164,6 +164,20 @@ def _two(rows: Sequence[Row]) -> str:
     heads = ("motions", "paper, frames/s", "segments", "p50, ms", "p99, ms", "frames/s", "nearest window p99, ms")
     told = "One thread; of each step the least of three runs, so that other work on the machine does not count."
     return f"## Table 2: a step by the size of the library\n\n{told}\n\n{markdown_table(heads, lines)}"
+
+
+def _long(rows: Sequence[Row]) -> str:
+    mine = [row for row in rows if row.table == "long"]
+    if not mine:
+        return ""
+    heads = ("input", "p50 in the first minute, ms", "in the last", "state after the first, bytes", "after the last",
+             "blocks of memory gained", "peak of memory gained, kB")  # fmt: skip
+    cells = [
+        _first(mine, OURS, "first_minute_ms_p50"), _first(mine, OURS, "last_minute_ms_p50"),
+        *(_cell(mine, OURS, mine[0].setting, f"state_bytes_after_{each}_minute", 0) for each in ("first", "last")),
+        *(_cell(mine, OURS, mine[0].setting, each, 0) for each in ("blocks_gained", "peak_gained_kb")),
+    ]  # fmt: skip
+    return f"## A long session\n\n{markdown_table(heads, [(mine[0].setting, *cells)])}"
 
 
 def _transitions(rows: Sequence[Row]) -> str:

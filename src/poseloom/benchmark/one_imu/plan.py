@@ -27,9 +27,9 @@ LAYOUTS = (FOOT, FOOT_AND_HAND)
 PLACEMENTS = ("right-foot", "right-hand", "right-forearm", "right-shank", "right-thigh", "hips", "head")
 """Of figure 10."""
 
-PARTS = ("3", "specialists", "subject", "10", "2", "transitions", "phases", "dropouts", "real", "sweep")
-"""Table 3 of the joint model, of specialists and by subject; figure 10, table 2, transitions and changes, phase labels,
-drop-outs, the real walk, and the choice of settings."""
+PARTS = ("3", "specialists", "subject", "10", "2", "long", "transitions", "phases", "dropouts", "real", "sweep")
+"""Table 3 of the joint model, of specialists and by subject; figure 10, table 2, ten minutes, transitions and changes,
+phase labels, drop-outs, the real walk, and the choice of settings."""
 
 
 @dataclass(frozen=True)

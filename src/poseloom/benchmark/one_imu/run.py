@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from poseloom.benchmark.one_imu.accuracy import by_subject, figure_ten, specialists, table_three
 from poseloom.benchmark.one_imu.dropouts import dropouts
+from poseloom.benchmark.one_imu.endurance import ten_minutes
 from poseloom.benchmark.one_imu.labels import phase_labels
 from poseloom.benchmark.one_imu.plan import Plan, Progress
 from poseloom.benchmark.one_imu.speed import table_two
@@ -22,6 +23,7 @@ _RUNS: dict[str, Callable[[Plan, Progress], list[Row]]] = {
     "subject": by_subject,
     "10": figure_ten,
     "2": table_two,
+    "long": ten_minutes,
     "transitions": transitions,
     "phases": phase_labels,
     "dropouts": dropouts,
