@@ -172,7 +172,8 @@ def test_the_list_of_chunks_is_kept_packed_and_written_whole(take: Recording, tm
         summary = reader.get_summary()
         assert summary is not None
         assert len(summary.chunk_indexes) == 31  # the header's, and one a flush
-        late = [message.log_time for _, _, message in reader.iter_messages("/samples", starting_at=round(take.times[20] * 1e9))]
+        since = round(take.times[20] * 1e9)
+        late = [message for _, _, message in reader.iter_messages("/samples", starting_at=since)]
     assert len(late) == 10
 
 
