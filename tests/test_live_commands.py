@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 
 from poseloom.benchmark.live.fuzzing import measure_parsers
+from poseloom.benchmark.live.notebook import Notebook
 from poseloom.benchmark.live.page import live_figures
 from poseloom.benchmark.live.run import with_rows_of
 from poseloom.cli._app import run
 from poseloom.evaluation.rows import Results, Row
 from poseloom.formats import read_motion, write_motion
 from poseloom.formats.pose_table import write_pose_table
+from poseloom.live.contract import Counters, Latency, SessionFacts, Update
+from poseloom.methods import Frame, Health
 from poseloom.samples import sample_motions
+from poseloom.sensors import Sample, layout
+from poseloom.skeleton import Pose, average_body
 from poseloom.skeleton.kinematics import motion_frames
 
 
@@ -85,3 +90,30 @@ def test_the_page_says_what_was_missed():
     assert "300 and 301 MB | met" in figures
     other = Results("live", "d", (Row("faults", "x", "", "none", "failures", 0.0),))
     assert {row.table for row in with_rows_of(other, Results("live", "d", rows)).rows} == {"faults", "endurance"}
+
+
+def test_a_jump_is_told_apart_from_what_a_late_device_causes() -> None:
+    worn, body = layout("six-trackers"), average_body()
+    facts = SessionFacts(worn, body, (), True, "m", ("m",), 0, (), True)
+    times = np.r_[np.arange(0.0, 6.0, 1 / 60), np.arange(6.3, 12.0, 1 / 60)]
+    q = np.zeros((len(times), body.size))
+    q[times > 3.0, 0] += 0.2  # while one sensor is silent
+    q[times > 6.1, 0] += 0.5  # after the device was kept waiting
+    notebook = Notebook()
+    notebook.open(facts, lambda _: None)
+    for index, time in enumerate(times):
+        positions = np.zeros((6, 3))
+        positions[0 if time < 11.0 else slice(None)] = np.nan  # and at last the device ends
+        nothing = np.full((6, 3), np.nan)
+        unsaid = (np.full((6, 4), np.nan), nothing, nothing, nothing[:, 0])
+        sample = Sample(time, time, positions, *unsaid, np.zeros(6, dtype=np.int64))
+        frame = Frame(time, Pose(body, q[index]), np.zeros(body.size), Health())
+        notebook.show(Update(index, sample, frame, time, Latency(*6 * [0.0]), Counters()))
+    still = np.zeros(len(body))
+    told = notebook.jumps(still, silent=1)
+    assert told.largest == pytest.approx(20.0)
+    assert told.kept_waiting == pytest.approx(50.0)
+    assert told.waits == 1
+    assert notebook.jumps(still, silent=None) == (pytest.approx(50.0), 0.0, 0)
+    # What the joint does in the clip is no jump.
+    assert notebook.jumps(still + 3.0, silent=1).largest == pytest.approx(15.0)

@@ -261,7 +261,6 @@ the facts if they change; a command that cannot be carried out becomes a notice,
 
 
 @runtime_checkable
-@runtime_checkable
 class Sink(Protocol):
     """Something that shows, sends or keeps what a session makes.
 

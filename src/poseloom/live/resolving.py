@@ -1,7 +1,7 @@
 """A live session's recording solved again: with the same method bit for bit, or with another."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -99,12 +99,6 @@ def recorded_motion(session: SessionRecording) -> Motion | None:
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(times)) > 0])
     recording = session.recording
     return even_motion(recording.skeleton, times[rising], q[rising], recording.layout.rate, recording.name)
-
-
-def at_rate_of(method_rate: float, session: SessionRecording) -> SessionRecording:
-    """The session with its layout at another rate, for a method that says its own. The samples stay."""
-    layout = replace(session.recording.layout, rate=method_rate)
-    return replace(session, recording=replace(session.recording, layout=layout, truth=None))
 
 
 def _heard(session: SessionRecording) -> Bools[Array, "samples"]:
