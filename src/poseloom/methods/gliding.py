@@ -87,8 +87,8 @@ def glide_to(
         skeleton: The wearer's.
         q: The estimated pose.
         time: Its device time, later than the last.
-        troubled: Whether sensors have just come back, or the method has just begun anew: then, and for a while after,
-            leaps are looked for. Never without trouble, so that what a method makes of sound sensors is shown as it is.
+        troubled: Whether the method has just begun anew: then, and for a while after, leaps are looked for. Never
+            without trouble, so that what a method makes of sound sensors is shown as it is.
         settings: What counts as a leap, and how fast the figure follows it.
     """
     if glide is None:

@@ -109,12 +109,27 @@ def gather_outputs(
 
 @compiled
 def turn_gaps(
-    measured: Floats[Array, "sensors 3 3"], last: Floats[Array, "sensors 3 3"], swings: Floats[Array, "sensors 3"]
+    offsets: Floats[Array, "sensors 3"],
+    measured: Floats[Array, "sensors 3 3"],
+    last: Floats[Array, "sensors 3 3"],
+    carried: Floats[Array, "sensors 3 3"],
+    swings: Floats[Array, "sensors 3"],
+    gaps: Floats[Array, "sensors 3"],
 ) -> None:
-    """Fills the rotation vectors that lead from the measured orientations to the last; NaN where either is missing."""
-    turn = np.empty((3, 3))
-    for s in range(swings.shape[0]):
-        _log_between(last[s], measured[s], turn, swings[s])
+    """Fills the rotation vectors that lead from exp(offset) measured to `last`, and from the measured to `carried`.
+
+    A missing orientation leaves NaN.
+    """
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    for s in range(offsets.shape[0]):
+        exp_matrix(float(offsets[s, 0]), float(offsets[s, 1]), float(offsets[s, 2]), turn)
+        for a in range(3):
+            for b in range(3):
+                turned[a, b] = 0.0
+                for c in range(3):
+                    turned[a, b] += turn[a, c] * measured[s, c, b]
+        _log_between(last[s], turned, turn, swings[s])
+        _log_between(carried[s], measured[s], turn, gaps[s])
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""What of the trackers' word is taken at once, what is doubted, and how a lost tracker goes gently."""
+"""What of the trackers' word is taken at once, what is doubted, and how a lost tracker goes and comes back gently."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -9,6 +9,7 @@ from poseloom.arrays import Array, Bools, Floats, Ints
 from poseloom.methods.trackers import _kernels
 from poseloom.methods.trackers.observation import heard
 from poseloom.methods.trackers.state import GateSettings, Wearer
+from poseloom.rotations import matrix_from_rotvec
 from poseloom.skeleton.kinematics import forward_kinematics
 from poseloom.solve import SensorReadings
 
@@ -23,6 +24,8 @@ class Trust:
         places: Where it was in the last sample, metres: as heard, else as the pose carried it.
         turns: How it was turned there.
         steps: How far it had moved since the sample before.
+        place_offsets: Metres still added to its position since it came back, so that the pose glides to it.
+        turn_offsets: The same for its orientation: rotation vectors in the world.
     """
 
     doubted: Ints[Array, "sensors"]
@@ -30,6 +33,8 @@ class Trust:
     places: Floats[Array, "sensors 3"]
     turns: Floats[Array, "sensors 3 3"]
     steps: Floats[Array, "sensors 3"]
+    place_offsets: Floats[Array, "sensors 3"]
+    turn_offsets: Floats[Array, "sensors 3"]
 
 
 class Gated(NamedTuple):
@@ -51,37 +56,53 @@ def take_all(readings: SensorReadings) -> Gated:
     nothing, said = np.zeros_like(readings.positions), heard(readings)
     missing = np.where(said, 0, -1)
     doubted = np.zeros(len(nothing), dtype=np.int64)
-    return Gated(readings, said, Trust(doubted, missing, readings.positions, readings.rotations, nothing))
+    return Gated(
+        readings, said, Trust(doubted, missing, readings.positions, readings.rotations, nothing, nothing, nothing)
+    )
 
 
 def gate(
     trust: Trust, readings: SensorReadings, wearer: Wearer, newest: Floats[Array, "dofs"], settings: GateSettings
 ) -> Gated:
-    """Silences what nobody's movement explains, and lets lost trackers go gently.
+    """Silences what nobody's movement explains, and lets lost trackers go and come back gently.
 
     A tracker far from where its own movement leads to is not heard for a few samples; if it stays there, it is right.
     If most are far off, something else has happened, and all are heard. What is not heard is held where the newest pose
-    carries it, with less trust each sample, so that the pose glides to what the model believes. What comes back is
-    taken at once; that nothing jumps is the concern of what is shown (see `gliding`).
+    carries it, with less trust each sample, so that the pose glides to what the model believes. What comes back starts
+    from where the newest pose has it, and the difference fades away.
     """
     places, turns = _carried(wearer, newest)
     said = heard(readings)
+    moved = readings.positions + trust.place_offsets
     known = trust.missing == 0
-    shifts = np.where(known[:, :1], trust.places + trust.steps, places) - readings.positions
-    swings = np.empty_like(shifts)
-    _kernels.turn_gaps(readings.rotations, np.where(known[:, 1, None, None], trust.turns, turns), swings)
+    shifts = np.where(known[:, :1], trust.places + trust.steps, places) - moved
+    swings, gaps = np.empty_like(moved), np.empty_like(moved)
+    last = np.where(known[:, 1, None, None], trust.turns, turns)
+    _kernels.turn_gaps(trust.turn_offsets, readings.rotations, last, turns, swings, gaps)
     far = _far(shifts, swings, said, settings)
     doubted = np.where(far, trust.doubted + 1, 0)
     silenced = far & (doubted <= settings.patience)
     taken = said & ~silenced[:, None]
+    back = taken & ((trust.missing != 0) | (far & ~silenced)[:, None])
+    place_offsets = np.where(back[:, :1], places - readings.positions, trust.place_offsets)
+    place_offsets = _faded(place_offsets, settings.fading, settings.glide_position)
+    turn_offsets = _faded(np.where(back[:, 1:], gaps, trust.turn_offsets), settings.fading, settings.glide_orientation)
+    positions = readings.positions + place_offsets
+    rotations = matrix_from_rotvec(turn_offsets) @ readings.rotations
     missing = np.where(taken, 0, np.where(trust.missing < 0, -1, trust.missing + 1))
-    steady = taken[:, 0] & known[:, 0] & ~far
-    steps = np.where(steady[:, None], readings.positions - trust.places, 0.0)
+    steady = taken[:, 0] & known[:, 0] & ~back[:, 0]
+    steps = np.where(steady[:, None], positions - trust.places, 0.0)
     drift = steps[steady].mean(axis=0) if steady.any() else np.zeros(3)
-    positions = np.where(taken[:, :1], readings.positions, places + drift)
-    rotations = np.where(taken[:, 1, None, None], readings.rotations, turns)
-    following = Trust(doubted * silenced, missing, positions, rotations, steps)
+    positions = np.where(taken[:, :1], positions, places + drift)
+    rotations = np.where(taken[:, 1, None, None], rotations, turns)
+    following = Trust(doubted * silenced, missing, positions, rotations, steps, place_offsets, turn_offsets)
     return Gated(_held(positions, rotations, readings.sigmas, missing, settings), taken, following)
+
+
+def _faded(offsets: Floats[Array, "sensors 3"], fading: float, most: float) -> Floats[Array, "sensors 3"]:
+    """What is left of offsets after one more sample, in which none shrinks by more than `most`."""
+    sizes = np.sqrt((offsets**2).sum(axis=1, keepdims=True))
+    return offsets * np.maximum(fading, 1.0 - most / np.maximum(sizes, 1e-12))
 
 
 def _far(

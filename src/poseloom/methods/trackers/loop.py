@@ -130,7 +130,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         speaks = bool(heard(spoken).any())
         if state.trust is None and not speaks:
             return state, None
-        if state.trust is None or (speaks and self._lost_track(state)):
+        anew = speaks and self._lost_track(state)
+        if state.trust is None or anew:
             gated = take_all(spoken)
             solution = self._solve(state.wearer, spoken, self.first_prior(state.wearer, spoken))
             q = self._on_branch(state, solution.q)
@@ -139,8 +140,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             gated = gate(state.trust, spoken, state.wearer, state.history[0], self.settings.gate)
             solution, q, covariance = self._continue(state, gated.readings)
             history = np.concatenate([q[None], state.history[: self.moments - 1]])
-        skeleton, back = state.wearer.skeleton, _come_back(state.trust, gated.trust, self.settings.gate.patience)
-        glide, shown = glide_to(state.glide, skeleton, q, sample.time, back, self.settings.glide)
+        skeleton = state.wearer.skeleton
+        glide, shown = glide_to(state.glide, skeleton, q, sample.time, anew, self.settings.glide)
         following = TrackerState(
             state.wearer,
             gated.trust,
@@ -204,11 +205,3 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         if state.glide is not None and state.glide.offset is not None:
             return Health(HealthState.REJOINING, troubled)
         return Health(HealthState.DEGRADED if troubled else HealthState.OK, troubled)
-
-
-def _come_back(before: Trust | None, now: Trust, patience: int) -> bool:
-    """Whether a tracker is taken at its word that was not for long, or never yet."""
-    if before is None:
-        return False
-    away = (before.missing < 0) | (before.missing >= patience)
-    return bool((away & (now.missing == 0)).any())

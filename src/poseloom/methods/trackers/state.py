@@ -13,12 +13,15 @@ from poseloom.solve import SensorMount, SolverSettings
 
 @dataclass(frozen=True)
 class GateSettings:
-    """When a tracker's word is doubted, and how a lost one is let go.
+    """When a tracker's word is doubted, and how it is taken up again.
 
     Attributes:
         step_position: Metres that a tracker may be away from where its own movement leads to.
         step_orientation: The same for its orientation, radians.
         patience: Samples in a row for which a tracker that is farther off is not heard.
+        fading: Share of the difference that is left a sample after a tracker came back.
+        glide_position: Most metres by which it shrinks in a sample.
+        glide_orientation: The same for the orientation, radians.
         hold_position: Metres of standard deviation, times the samples it is missing, with which a lost tracker is held
             where the pose carries it.
         hold_orientation: The same for its orientation, radians.
@@ -28,6 +31,9 @@ class GateSettings:
     step_position: float = 0.15
     step_orientation: float = np.deg2rad(50.0)
     patience: int = 4
+    fading: float = 0.8
+    glide_position: float = 0.08
+    glide_orientation: float = np.deg2rad(25.0)
     hold_position: float = 0.02
     hold_orientation: float = np.deg2rad(5.0)
     hold_samples: int = 40
@@ -42,7 +48,7 @@ class TrackerSettings:
         sigma_orientation: Standard deviation of a tracker's orientation, radians.
         solver: How the pose is solved for.
         gate: When a tracker is doubted.
-        glide: How the figure follows where the pose finds itself anew.
+        glide: How the figure follows where the search, begun anew, finds the pose.
         lost_after: Seconds of silence of all sensors after which the pose means little.
         anew_after: Seconds of such silence after which the search starts anew from the sensors alone.
         misfit_position: Metres by which most trackers may miss their solved places before the pose counts as astray.
