@@ -27,11 +27,11 @@ class RegressionSettings(WindowSettings):
         seed: Of the first guess of the phases.
     """
 
-    phases: int = 16
+    phases: int = 32
     latent: int = 16
     width: float = 0.3
     ridge: float = 0.1
-    dulling: float = 4.0
+    dulling: float = 1.0
     examples: int = 600
     seed: int = 0
 
