@@ -65,7 +65,7 @@ class MotionGraph(SignalComparator[GraphSettings]):
     """A walk on a motion graph that the signals steer.
 
     Source: Kovar, Gleicher, Pighin, Motion graphs, SIGGRAPH 2002. As there, frames that look alike are joined by
-    transitions, over which poses are blended (there a third of a second) while the root goes on by the blended steps, and in
+    transitions, over which poses are blended (there for 1/3 s) while the root goes on by the blended steps, and in
     between the recorded motion is played unchanged. The way through the graph, there searched for a user's path, is
     here chosen by the sensors: of all transitions out of a frame, and of staying, the one whose last signals fit best.
     Simplified: likeness of frames by joint rotations, height and step over a short window instead of a cloud of points,
