@@ -162,7 +162,7 @@ def _two(rows: Sequence[Row]) -> str:
         ]
         lines.append((setting, "" if paper is None else str(paper), *cells))
     heads = ("motions", "paper, frames/s", "segments", "p50, ms", "p99, ms", "frames/s", "nearest window p99, ms")
-    told = "One thread; of each step the least of three runs, so that other work on the machine does not count."
+    told = "One thread; of each step the least of nine runs, so that other work on the machine does not count."
     return f"## Table 2: a step by the size of the library\n\n{told}\n\n{markdown_table(heads, lines)}"
 
 

@@ -34,12 +34,12 @@ SIZES: tuple[tuple[str, tuple[str, ...], int], ...] = (
 _TEMPI = (1.0, 0.9, 1.1, 0.95, 1.05)
 """Where the recordings are too few, they are taken again, mirrored and at other tempi. For speed alone."""
 
-_REPEATS = 3
+_REPEATS = 9
 _STEPS = 600
 
 
 def table_two(plan: Plan, tell: Progress) -> list[Row]:
-    """Percentiles of a step's time, and frames a second, by size; each step's time is the least of three runs."""
+    """Percentiles of a step's time, and frames a second, by size; each step's time is the least of nine runs."""
     pool = pooled(plan.data)
     sizes = SIZES[:-1] if plan.quick else SIZES
     asked = _heard(plan)
