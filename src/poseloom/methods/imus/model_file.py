@@ -18,7 +18,7 @@ from poseloom.methods.imus.settings import PhaseHmmSettings
 from poseloom.sensors import SensorKind, SensorLayout, SensorSpec, make_layout
 
 KIND = "phase-hmm"
-VERSION = 1
+VERSION = 2
 
 _NOT_ARRAYS = ("emissions", "phase_names")
 
