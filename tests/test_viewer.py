@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -692,15 +693,21 @@ def test_twenty_visits_leave_nothing_behind(guarded: OpenServer):
 
 def test_the_command_says_where_to_look_serves_it_and_ends_quietly(walk_file: Path):
     command = [sys.executable, "-m", "poseloom", "view", str(walk_file), "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        address = re.search(r"http://127\.0\.0\.1:(\d+)/", process.stdout.readline())
-        if address:
-            connection = http.client.HTTPConnection("127.0.0.1", int(address[1]), timeout=10)
-            connection.request("GET", "/")
-            assert connection.getresponse().status == 200
-        process.send_signal(signal.SIGINT)
-        rest, errors = process.communicate(timeout=60)
+    # Who starts the tests in the background may have them ignore Ctrl-C, and children with them.
+    heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, preexec_fn=heeding) as process:
+        try:
+            assert process.stdout is not None
+            address = re.search(r"http://127\.0\.0\.1:(\d+)/", process.stdout.readline())
+            if address:
+                connection = http.client.HTTPConnection("127.0.0.1", int(address[1]), timeout=10)
+                connection.request("GET", "/")
+                assert connection.getresponse().status == 200
+            process.send_signal(signal.SIGINT)
+            rest, errors = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert address, errors
     assert process.returncode == 0
     assert "Ended." in rest
