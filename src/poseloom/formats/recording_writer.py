@@ -23,7 +23,7 @@ BINARY = "x-poseloom-f64le"
 """Message encoding of samples and truth: little-endian doubles and status bytes; the schema names the parts."""
 
 _LIST_OF_CHUNKS = "_Writer__chunk_indices"
-"""The attribute of MCAP's writer; should a later one call it otherwise, memory grows and nothing else changes."""
+"""The attribute of MCAP's writer: private, hence the bound on its version in pyproject.toml."""
 _NANOSECONDS = 1e9
 _LAST_NANOSECOND = 2**64 - 1
 
