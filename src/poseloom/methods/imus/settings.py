@@ -36,7 +36,7 @@ class PhaseHmmSettings:
         turn_limit: Most radians a frame by which a joint is turned beyond its velocity.
         start_blend: `blend` until the longest window is filled: what was guessed first means little.
         start_limit: `turn_limit` until then.
-        rejoin_limit: The same during a silence and for `rejoin_seconds` after it.
+        rejoin_limit: `turn_limit` during a silence and for `rejoin_seconds` after it.
         rejoin_seconds: How long a pose takes to rejoin what the sensors say after a silence.
         body_scale: Metres of difference of a bone's length that count as one standard deviation between the wearer
             and the people recorded.
