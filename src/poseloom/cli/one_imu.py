@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _SHOWN = frozenset(
     {
-        *("joint_position_cm", "foot_skate_over_truth", "path_error_percent", "step_ms_p50", "step_ms_p99"),
+        *("joint_position_cm", "foot_skate_over_truth", "turned_path_error_percent", "step_ms_p50", "step_ms_p99"),
         *(
             "largest_velocity_jump_m_s",
             "jerk_km_s3",
@@ -56,7 +56,7 @@ def one_imu(
     method: Annotated[
         list[str] | None, typer.Option("--method", help="Ask this method alone. May be repeated; all if left out.")
     ] = None,
-    limit: Annotated[int, typer.Option(min=60, help="Samples of each sequence.")] = 150,
+    limit: Annotated[int | None, typer.Option(min=60, help="Samples of each sequence; all if left out.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 1,
 ) -> None:
@@ -80,7 +80,7 @@ def one_imu(
             raise unknown_name("method", name, METHODS)
     plan = Plan(
         recordings_of(data), tuple(part) if part else usual, tuple(method) if method else METHODS, quick,
-        min(limit, 120) if quick else limit, seed, workers,
+        min(limit or 120, 120) if quick else limit, seed, workers,
     )  # fmt: skip
     console = Console()
     with progress_bars() as show:

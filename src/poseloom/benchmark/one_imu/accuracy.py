@@ -1,6 +1,6 @@
 """Table 3 and figure 10: how far each method's poses are from the truth."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from poseloom.evaluation.rows import Row
 from poseloom.library.pool import in_order
 
 COVERED, ALL = "covered", "all sequences"
+
+_HALF_A_SECOND, _TWO_SECONDS = 30, 120
+"""Samples, at 60 Hz."""
 
 
 def table_three(plan: Plan, tell: Progress) -> list[Row]:
@@ -62,9 +65,10 @@ def figure_ten(plan: Plan, tell: Progress) -> list[Row]:
     return rows
 
 
-def pooled_mean(answers: Sequence[Answer]) -> float:
-    """Mean error over frames, as the paper's tables count, cm."""
-    return float(np.concatenate([each.errors for each in answers]).mean())
+def pooled_mean(answers: Sequence[Answer], first: int = 0, stop: int | None = None) -> float:
+    """Mean error over frames, as the paper's tables count, cm: of those from `first` up to `stop` of each sequence."""
+    errors = np.concatenate([each.errors[first:stop] for each in answers])
+    return float(errors.mean()) if len(errors) else float("nan")
 
 
 def rows_of(plan: Plan, table: str, method: str, setting: str, split: str, answers: Sequence[Answer]) -> list[Row]:
@@ -76,11 +80,15 @@ def rows_of(plan: Plan, table: str, method: str, setting: str, split: str, answe
     seconds = np.concatenate([each.step_ms for each in answers])
     values: list[tuple[str, float, float | None]] = [
         ("joint_position_cm", pooled_mean(answers), _spread(means)),
+        ("joint_position_cm_first_two_seconds", pooled_mean(answers, 0, _TWO_SECONDS), None),
+        ("joint_position_cm_after_half_a_second", pooled_mean(answers, _HALF_A_SECOND), None),
         ("joint_position_cm_of_sequences", float(means.mean()), _spread(means)),
         ("jitter_over_truth", *_mean(each.jitter for each in answers)),
         ("foot_skate_cm_s", *_mean(each.skate for each in answers)),
         ("foot_skate_over_truth", _ratio(answers), None),
-        ("path_error_percent", _path(answers), None),
+        ("path_error_percent", _path(answers, lambda each: each.path_m), None),
+        ("turned_path_error_percent", _path(answers, lambda each: each.turned_path_m), None),
+        ("way_length_error_percent", _path(answers, lambda each: abs(each.gone_m - each.way_m)), None),
         ("step_ms_p50", float(np.percentile(seconds, 50)), None),
         ("step_ms_p99", float(np.percentile(seconds, 99)), None),
     ]
@@ -150,10 +158,10 @@ def _ratio(answers: Sequence[Answer]) -> float:
     return sum(each.skate for each in known) / sum(each.true_skate for each in known) if known else float("nan")
 
 
-def _path(answers: Sequence[Answer]) -> float:
-    """Percent of the way by which ways end off, over the sequences that go somewhere."""
+def _path(answers: Sequence[Answer], error: Callable[[Answer], float]) -> float:
+    """An error of the ways in percent of them, over the sequences that go somewhere."""
     far = [each for each in answers if each.way_m >= 1.0]
-    return 100 * sum(each.path_m for each in far) / sum(each.way_m for each in far) if far else float("nan")
+    return 100 * sum(map(error, far)) / sum(each.way_m for each in far) if far else float("nan")
 
 
 def _mean(values: Iterable[float]) -> tuple[float, float | None]:

@@ -1,5 +1,7 @@
 """The single-IMU paper's measure of a pose, and the measures of its paths and transitions."""
 
+import math
+
 import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats
@@ -76,6 +78,22 @@ def standing_soles(truth: Motion) -> Bools[Array, "frames 4"]:
 def path_errors_m(truth: Motion, estimate: Motion) -> Floats[Array, "frames"]:
     """Distance over the ground between the roots, both ways begun at one place and with one heading, metres."""
     return np.asarray(np.linalg.norm(_way(truth) - _way(estimate), axis=1))
+
+
+def turned_path_errors_m(truth: Motion, estimate: Motion) -> Floats[Array, "frames"]:
+    """The same, once the estimated way is turned about its beginning so that it fits the truth best, metres.
+
+    Heading about world up is not observed by an IMU without a magnetometer, and that of the first pose is one moment of
+    a pelvis that turns with every step: odometry is compared after such an alignment.
+    """
+    true_way, way = _way(truth), _way(estimate)
+    cosine = float((true_way * way).sum())
+    sine = float((way[:, 0] * true_way[:, 1] - way[:, 1] * true_way[:, 0]).sum())
+    size = math.hypot(cosine, sine)
+    if size == 0.0:
+        return path_errors_m(truth, estimate)
+    turn = np.array([[cosine, sine], [-sine, cosine]]) / size
+    return np.asarray(np.linalg.norm(true_way - way @ turn, axis=1))
 
 
 def way_m(motion: Motion) -> float:

@@ -10,6 +10,15 @@ from poseloom.evaluation.rows import Results, Row
 
 ERROR = "joint_position_cm"
 
+_BEST_SHOWN = 3
+_SWEPT = (
+    ("mean_over_behaviours_cm", 2),
+    ("one_sensor_cm", 2),
+    ("two_sensors_cm", 2),
+    (ERROR, 2),
+    ("jitter_over_truth", 1),
+)
+
 _PAPERS_TABLE_THREE = {
     "walking": (2.74, 2.07, 3.54, 2.53, 2.26),
     "running": (2.79, 2.11, 4.15, 2.71, 2.35),
@@ -84,10 +93,14 @@ def _accuracy(rows: Sequence[Row], what: str) -> str:
 def _other(rows: Sequence[Row]) -> str:
     mine = [row for row in rows if row.table == "3" and row.split == "by-sequence"]
     metrics = (
+        ("joint_position_cm_first_two_seconds", "error in the first 2 s, cm", 2),
+        ("joint_position_cm_after_half_a_second", "after the first 0.5 s", 2),
         ("jitter_over_truth", "jitter over the truth's", 1),
         ("foot_skate_cm_s", "foot skate, cm/s", 1),
         ("foot_skate_over_truth", "over the truth's", 1),
         ("path_error_percent", "path, % of the way", 1),
+        ("turned_path_error_percent", "heading aligned", 1),
+        ("way_length_error_percent", "its length", 1),
         ("step_ms_p50", "step p50, ms", 2),
         ("step_ms_p99", "p99, ms", 2),
     )
@@ -266,26 +279,35 @@ def _walk(rows: Sequence[Row]) -> str:
 
 
 def _sweep(rows: Sequence[Row]) -> str:
-    mine = [row for row in rows if row.table in ("tried", "chosen")]
-    if not mine:
+    found: dict[tuple[str, str], dict[str, Row]] = {}
+    for row in rows:
+        if row.table == "tried":
+            found.setdefault((row.method, row.setting), {})[row.metric] = row
+    if not found:
         return ""
-    found: dict[tuple[str, str, str], dict[str, Row]] = {}
-    for row in mine:
-        found.setdefault((row.table, row.method, row.setting), {})[row.metric] = row
-    lines = [
-        (
-            method,
-            f"**{setting.partition(', ')[2]}**" if table == "chosen" else setting.partition(", ")[2],
-            *(figure_of(some[metric], digits) if metric in some else ""
-              for metric, digits in (("mean_over_behaviours_cm", 2), (ERROR, 2), ("jitter_over_truth", 1))),
-        )
-        for (table, method, setting), some in found.items()
-    ]  # fmt: skip
+    lines: list[Sequence[str]] = []
+    for method in dict.fromkeys(name for name, _ in found):
+        tried = [(setting, some) for (name, setting), some in found.items() if name == method]
+        ranked = sorted(tried, key=lambda one: one[1]["mean_over_behaviours_cm"].value)
+        told = [("before", *tried[0]), *((str(place + 1), *one) for place, one in enumerate(ranked[:_BEST_SHOWN]))]
+        told.append((f"{len(ranked)}, the last", *ranked[-1]))
+        lines += [
+            (method, place, setting, *(figure_of(some[m], digits) for m, digits in _SWEPT))
+            for place, setting, some in told
+        ]
+    heads = (
+        "method",
+        "rank",
+        "settings",
+        "mean",
+        "one sensor",
+        "two sensors",
+        "mean of frames",
+        "jitter over the truth's",
+    )
     return (
-        "## Choosing the comparators' settings (validation sequences, one sensor; the chosen ones in bold)\n\n"
-        + markdown_table(
-            ("method", "settings", "mean of behaviours", "mean of frames", "jitter over the truth's"), lines
-        )
+        "## Choosing settings\n\nOn the validation sequences, cm: mean over one and two sensors of the mean over "
+        f"behaviours. The first {_BEST_SHOWN} of each method and its last.\n\n{markdown_table(heads, lines)}"
     )
 
 

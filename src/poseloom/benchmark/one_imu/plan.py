@@ -41,7 +41,7 @@ class Plan:
         parts: Of `PARTS`.
         only: Methods that are asked where a part asks several.
         quick: An honest subset: fewer sequences and methods, one fold of the tables.
-        limit: Samples of each sequence.
+        limit: Samples of each sequence; None asks them whole.
         seed: Of all that is drawn.
         workers: Processes.
         mirrored: Whether mirror images of the training motions are trained on too.
@@ -51,7 +51,7 @@ class Plan:
     parts: tuple[str, ...] = tuple(part for part in PARTS if part != "sweep")
     only: tuple[str, ...] = METHODS
     quick: bool = False
-    limit: int = 150
+    limit: int | None = None
     seed: int = 0
     workers: int = 1
     mirrored: bool = False

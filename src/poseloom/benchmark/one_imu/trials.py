@@ -14,6 +14,7 @@ from poseloom.benchmark.one_imu.measures import (
     path_errors_m,
     pose_errors_cm,
     standing_soles,
+    turned_path_errors_m,
     way_m,
 )
 from poseloom.benchmark.one_imu.plan import OURS, PAPERS, Plan
@@ -49,7 +50,7 @@ class Question:
         left_out: Sources of further sequences that are left out.
         by_subject: Whether the people of the sequences are left out too.
         behaviour: The one that a specialist learns; empty for the joint model.
-        limit: Samples of each sequence.
+        limit: Samples of each sequence; None asks it whole.
         seed: Of the sensors' errors.
         mirrored: Whether mirror images train too.
         changes: Settings that differ from the tuned ones, as pairs of name and value.
@@ -62,7 +63,7 @@ class Question:
     left_out: tuple[str, ...] = ()
     by_subject: bool = False
     behaviour: str = ""
-    limit: int = 240
+    limit: int | None = None
     seed: int = 0
     mirrored: bool = False
     changes: tuple[tuple[str, Any], ...] = ()
@@ -79,8 +80,10 @@ class Answer:
         jitter: Third derivative over the truth's.
         skate: Foot skate, cm/s.
         true_skate: The truth's own.
-        path_m: Where the way ends, distance from the truth's end, metres.
-        way_m: Length of the way.
+        path_m: Where the way ends, distance from the truth's end, metres, both begun with one heading.
+        turned_path_m: The same once the whole way is turned so as to fit best: its heading is not observed.
+        gone_m: Length of the estimated way.
+        way_m: Length of the true way.
         step_ms: Compute of each step.
     """
 
@@ -91,6 +94,8 @@ class Answer:
     skate: float
     true_skate: float
     path_m: float
+    turned_path_m: float
+    gone_m: float
     way_m: float
     step_ms: Floats[Array, "steps"]
 
@@ -184,7 +189,7 @@ def sequence(question: Question, take: Take, faults: Sequence[Fault] = ()) -> Re
     recording = simulate_imus(
         take.motion, layout(question.sensors), ImuNoise(), faults, seed=seed_of(take.source, question.seed, "asked")
     )
-    return recording.cut(0, min(len(recording), question.limit))
+    return recording if question.limit is None else recording.cut(0, min(len(recording), question.limit))
 
 
 def run_on(method: Reconstructor[Any], recording: Recording) -> Run:
@@ -211,6 +216,8 @@ def measured(take: Take, run: Run) -> Answer:
         foot_skate_cm_s(estimate, standing),
         foot_skate_cm_s(truth, standing),
         float(path_errors_m(truth, estimate)[-1]),
+        float(turned_path_errors_m(truth, estimate)[-1]),
+        way_m(estimate),
         way_m(truth),
         1000 * run.made.step_seconds,
     )

@@ -1,8 +1,10 @@
 """The root's path and the feet on the ground.
 
 A pose without a place gets its place from where its feet stand: while a sole's point is in contact the root moves so
-that the point does not. Where none is certain to stand the root goes the way that the examples go. What is left of a
-foot's sliding, when both feet stand and do not agree, is taken up by the legs (Kim et al. 2012 in the paper): each
+that the point does not. Where none is certain to stand the root goes the way that the examples go. The mean of several
+examples' legs swings less than any of them, so by standing feet alone the way would be short. What they withhold of the
+examples' way is owed, and paid little by little (a complementary filter: feet say how the root moves within a step, the
+examples how far it goes). What is left of a foot's sliding is taken up by the legs (Kim et al. 2012 in the paper): each
 standing foot is held where it came down, its own orientation kept, and let go gently.
 """
 
@@ -48,6 +50,22 @@ class Legs:
     columns: Ints[Array, "2 6"]
 
 
+class Footing(NamedTuple):
+    """How the body is put on its feet.
+
+    Attributes:
+        lock: Probability of contact from which on a foot is held.
+        limit: Metres by which a held foot may be pulled.
+        paid: Share of what is missing of the way that is made up for in a frame.
+        kept: Share of what the examples' way is owed that is remembered a frame later.
+    """
+
+    lock: float
+    limit: float
+    paid: float
+    kept: float
+
+
 class Ground(NamedTuple):
     """Where the body is.
 
@@ -58,6 +76,7 @@ class Ground(NamedTuple):
         standing: Their probabilities of contact.
         held: Where each foot (ankle) is held on the ground; NaN where it is free.
         pulls: How far each foot is pulled from where the pose puts it.
+        owed: Metres (x, z) that the examples went of late and the root did not.
     """
 
     root: Floats[Array, "3"]
@@ -66,6 +85,7 @@ class Ground(NamedTuple):
     standing: Floats[Array, "4"]
     held: Floats[Array, "2 3"]
     pulls: Floats[Array, "2 3"]
+    owed: Floats[Array, "2"]
 
 
 def make_legs(skeleton: Skeleton) -> Legs:
@@ -91,7 +111,7 @@ def start_ground(legs: Legs, q: Floats[Array, "dofs"], standing: Floats[Array, "
     lift = -float(soles[:, 1].min()) if standing.max() > 0.5 or soles[:, 1].min() < 0 else 0.0
     root = q[:3] + np.array([0.0, lift, 0.0])
     soles = soles + np.array([0.0, lift, 0.0])
-    return Ground(root, lift, soles, standing, np.full((2, 3), np.nan), np.zeros((2, 3)))
+    return Ground(root, lift, soles, standing, np.full((2, 3), np.nan), np.zeros((2, 3)), np.zeros(2))
 
 
 def move(
@@ -101,8 +121,8 @@ def move(
     way: Floats[Array, "2"],
     height: float,
     standing: Floats[Array, "4"],
-    lock: float,
-    limit: float,
+    missing: Floats[Array, "2"],
+    how: Footing,
 ) -> tuple[Ground, Floats[Array, "dofs"]]:
     """Puts a pose in its place.
 
@@ -134,14 +154,18 @@ def move(
         shift[1] = level + 0.5 * sunk
         placed[:3] += shift
         soles = soles + shift
+    made_up = how.paid * (ground.owed + missing)
+    placed[[0, 2]] += made_up
+    soles[:, [0, 2]] += made_up
     lift = float(placed[1]) - height
     root = placed[:3].copy()
-    held, pulls, bent = _hold(legs, ground, placed, standing, lock, limit)
-    return Ground(root, lift, soles, standing, held, pulls), bent
+    owed = how.kept * (ground.owed + way - (root - ground.root)[[0, 2]])
+    held, pulls, bent = _hold(legs, ground, placed, standing, how)
+    return Ground(root, lift, soles, standing, held, pulls, owed), bent
 
 
 def _hold(
-    legs: Legs, ground: Ground, q: Floats[Array, "dofs"], standing: Floats[Array, "4"], lock: float, limit: float
+    legs: Legs, ground: Ground, q: Floats[Array, "dofs"], standing: Floats[Array, "4"], how: Footing
 ) -> tuple[Floats[Array, "2 3"], Floats[Array, "2 3"], Floats[Array, "dofs"]]:
     """Holds standing feet where they came down, within the limit, and lets others go."""
     ankles = forward_kinematics(legs.skeleton, q).positions[legs.feet]
@@ -150,7 +174,7 @@ def _hold(
     for side in range(2):
         heel, toe = standing[2 * side], standing[2 * side + 1]
         # A foot that rolls over its toes moves its ankle: it is held only while the whole sole stands.
-        if min(heel, toe) < lock:
+        if min(heel, toe) < how.lock:
             held[side] = np.nan
         elif np.isnan(held[side, 0]):
             held[side] = ankles[side] + pulls[side]
@@ -158,7 +182,7 @@ def _hold(
             pull = held[side] - ankles[side]
             pull[1] = 0.0
             size = float(np.linalg.norm(pull))
-            pulls[side] = pull if size <= limit else pull * (limit / size)
+            pulls[side] = pull if size <= how.limit else pull * (how.limit / size)
             held[side] = ankles[side] + pulls[side]
         if float(np.abs(pulls[side]).max()) > 1e-4:
             out = _bend_leg(legs, out, side, ankles[side] + pulls[side])

@@ -15,13 +15,14 @@ from poseloom.errors import MethodError
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor, check_wearer
 from poseloom.methods.imus import _forward_kernels, _pose_kernels
 from poseloom.methods.imus.fitting import bone_lengths, fit_model
-from poseloom.methods.imus.ground import heading_turn, make_legs, move, start_ground
+from poseloom.methods.imus.ground import make_legs
 from poseloom.methods.imus.model import WAY_ENTRIES, HmmModel
 from poseloom.methods.imus.mounting import aligned, misaligned, observe_mounting, unknown_mounting
 from poseloom.methods.imus.pairs import CHANNELS, SignalPair, check_imus, pairs_digest, sample_signal
+from poseloom.methods.imus.placing import footing_of, in_place
 from poseloom.methods.imus.settings import PhaseHmmSettings
 from poseloom.methods.imus.state import Guess, PhaseHmmState, Wearer
-from poseloom.rotations import nearest_branch, quat_from_matrix, quat_multiply, rotvec_from_quat
+from poseloom.methods.imus.strides import foot_sensors, no_stride, sensed
 from poseloom.sensors import Placement, Sample, SensorLayout
 from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.motion import Pose
@@ -67,12 +68,14 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         scales = model.emissions[-1].signal_features.scale.reshape(-1, 2, 3)
         self._sigmas = np.sqrt((scales**2).mean(axis=2))
         self._rejoin = max(round(settings.rejoin_seconds * layout.rate), 1)
+        self._footing = footing_of(settings, layout.rate)
         self._stride = -(-len(model) // settings.restart_states)
 
     def start(self, skeleton: Skeleton, placements: Sequence[Placement]) -> PhaseHmmState:
         """See `Reconstructor.start`. Placements must be the layout's usual ones up to a mounting error."""
         check_wearer("the phase HMM moves", self.layout, skeleton, placements)
-        wearer = Wearer(make_legs(skeleton), leg_length(skeleton), self._body_weights(skeleton))
+        feet = foot_sensors(skeleton, placements) if self._footing.paid > 0 and self.settings.foot_odometer else ()
+        wearer = Wearer(make_legs(skeleton), leg_length(skeleton), self._body_weights(skeleton), feet)
         quats = np.zeros((len(BODY_BONES), 4))
         quats[:, 0] = 1.0
         return PhaseHmmState(
@@ -84,6 +87,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             quats,
             np.zeros(skeleton.size),
             None,
+            tuple(no_stride() for _ in feet),
         )
 
     def step(self, state: PhaseHmmState, sample: Sample) -> tuple[PhaseHmmState, Frame | None]:
@@ -116,12 +120,17 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             window=window,
             mounting=mounting,
             guess=guess,
+            strides=tuple(
+                sensed(stride, foot, said, heard, guess.others[WAY_ENTRIES:], guess.ups, 1 / self.layout.rate)
+                for stride, foot in zip(state.strides, state.wearer.feet, strict=True)
+            ),
             age=age,
             turn=(state.turn + 1) % self._stride,
             silent=0 if spoken else state.silent + 1,
             rejoining=max(state.rejoining - 1, 0) if spoken else self._rejoin,
         )
-        placed = self._placed(state, moved, guess, live_window[-1] if spoken else guess.signal)
+        live = live_window[-1] if spoken else guess.signal
+        placed = in_place(state, moved, guess, live, self.settings, self._footing, self.layout.rate)
         return placed, Frame(sample.time, self._pose(placed), self._spread(placed), self._health(placed, heard))
 
     def phase_probabilities(self, state: PhaseHmmState) -> dict[str, float]:
@@ -224,45 +233,6 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
     ) -> Floats[Array, "best *columns"]:
         share = fraction.reshape(-1, *(1,) * (values.ndim - 1))
         return (1 - share) * values[lower] + share * values[upper]
-
-    def _placed(
-        self, before: PhaseHmmState, state: PhaseHmmState, guess: Guess, live: Floats[Array, "channels"]
-    ) -> PhaseHmmState:
-        """The blended pose on its ground."""
-        how, legs = self.settings, state.wearer.legs
-        quats = guess.quats_wxyz
-        height = float(guess.others[0]) * state.wearer.leg
-        standing = np.clip(guess.others[WAY_ENTRIES:], 0.0, 1.0)
-        if before.ground is None or before.guess is None:
-            q = self._vector(quats, 0.0, before.q)
-            q[1] = height
-            ground = start_ground(legs, q, standing)
-            q[:3] = ground.root
-            return replace(state, quats_wxyz=quats, q=q, ground=ground)
-        blended = np.empty_like(quats)
-        whole = state.age >= self.model.window
-        share, limit = (how.blend, how.turn_limit) if whole else (how.start_blend, how.start_limit)
-        limit = how.rejoin_limit if state.rejoining else limit
-        _pose_kernels.blend(before.quats_wxyz, before.guess.speed, quats, share, limit, blended)
-        turning = (live - guess.signal).reshape(-1, 2, 3)[:, 1]
-        excess = float((guess.ups * turning).sum()) / len(turning)
-        drift = before.drift + (excess / self.layout.rate - before.drift) / (how.turn_seconds * self.layout.rate)
-        last = before.guess.others
-        heading = before.heading + float(last[3]) + drift
-        way = state.wearer.leg * (heading_turn(before.heading) @ np.array([last[1], 0.0, last[2]]))
-        q, ground = self._vector(blended, heading, before.q), before.ground
-        ground, q = move(legs, ground, q, way[[0, 2]], height, standing, how.contact_lock, how.lock_limit)
-        gone = before.gone + float(np.linalg.norm(ground.root[[0, 2]] - before.ground.root[[0, 2]]))
-        return replace(state, quats_wxyz=blended, q=q, ground=ground, heading=heading, drift=drift, gone=gone)
-
-    @staticmethod
-    def _vector(quats: Floats[Array, "joints 4"], heading: float, last: Floats[Array, "dofs"]) -> Floats[Array, "dofs"]:
-        """The pose vector of a heading and local rotations, on the last one's branch, the root's place left at zero."""
-        turned = quats.copy()
-        turned[0] = quat_multiply(quat_from_matrix(heading_turn(heading)), quats[0])
-        q = np.zeros(3 + 3 * len(quats))
-        q[3:] = nearest_branch(rotvec_from_quat(turned), last[3:].reshape(-1, 3)).reshape(-1)
-        return q
 
     def _pose(self, state: PhaseHmmState) -> Pose:
         return Pose(state.wearer.legs.skeleton, state.q)

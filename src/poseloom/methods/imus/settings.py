@@ -46,6 +46,9 @@ class PhaseHmmSettings:
         turn_seconds: Time constant with which the gyroscope's turning corrects the examples' turning.
         contact_lock: Probability of contact from which on a foot is held where it stands.
         lock_limit: Metres by which a held foot may be pulled away from where the pose puts it.
+        way_seconds: Time constant with which the way is made up for that standing feet withhold; 0 leaves it.
+        way_memory: Seconds after which that is forgotten.
+        foot_odometer: Whether sensors on feet say how far a stride went (where `way_seconds` is not 0).
         lost_after: Seconds of silence after which the pose means little.
         phases: How phases are told.
     """
@@ -81,6 +84,9 @@ class PhaseHmmSettings:
     turn_seconds: float = 0.6
     contact_lock: float = 0.5
     lock_limit: float = 0.04
+    way_seconds: float = 0.5
+    way_memory: float = 4.0
+    foot_odometer: bool = True
     lost_after: float = 2.0
     phases: PhaseSettings = field(default_factory=PhaseSettings)
 
@@ -108,6 +114,7 @@ PAPER_SETTINGS = PhaseHmmSettings(
     rejoin_limit=0.05,
     body_limit=0.0,
     mounting=0.0,
+    way_seconds=0.0,
 )
 """The paper's model as far as it can be run: one sample an emission, its transition probabilities, segments of the most
 probable phase. A small probability of entering any state is kept, without which a lost beam could not recover."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from poseloom.arrays import Array, Floats, Ints
 from poseloom.methods.imus.ground import Ground, Legs
 from poseloom.methods.imus.mounting import Mounting
+from poseloom.methods.imus.strides import FootSensor, Stride
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,11 +16,13 @@ class Wearer:
         legs: The wearer's skeleton, legs and soles.
         leg: Length of a leg, metres.
         log_weight: Of each segment, how well the person's build in it fits the wearer's.
+        feet: The sensors on feet that are listened to for the way.
     """
 
     legs: Legs
     leg: float
     log_weight: Floats[Array, "segments"]
+    feet: tuple[FootSensor, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +63,7 @@ class PhaseHmmState:
         quats_wxyz: The last pose after blending.
         q: The last pose vector.
         ground: Where the body is; None before the first sample.
+        strides: What each of the sensors on feet says of the way.
         heading: Radians about world up.
         drift: How much faster the wearer turns than the examples, radians a frame.
         gone: Metres gone so far.
@@ -77,6 +81,7 @@ class PhaseHmmState:
     quats_wxyz: Floats[Array, "joints 4"]
     q: Floats[Array, "dofs"]
     ground: Ground | None
+    strides: tuple[Stride, ...]
     heading: float = 0.0
     drift: float = 0.0
     gone: float = 0.0
