@@ -13,11 +13,14 @@ from poseloom.benchmark.one_imu.plan import FOOT, METHODS, OURS, Plan
 from poseloom.benchmark.one_imu.run import run_one_imu
 from poseloom.benchmark.one_imu.sequences import BEHAVIOURS, FOLDS, Pool, Take, behaviour_of, read_pool
 from poseloom.benchmark.one_imu.splices import splice
+from poseloom.benchmark.one_imu.sweep import SPACES, TRIALS, settings_to_try
 from poseloom.benchmark.one_imu.trials import Answer
 from poseloom.benchmark.six_trackers.sequences import motions_folder
 from poseloom.errors import PoseloomError
 from poseloom.evaluation.rows import Results, Row
 from poseloom.methods import METHODS as NAMED
+from poseloom.methods.imus.baselines.fitting import COMPARATORS
+from poseloom.methods.imus.settings import PhaseHmmSettings
 from poseloom.report.one_imu import placements_svg
 from poseloom.rotations import heading_matrix, matrix_from_rotvec, rotvec_from_matrix
 from poseloom.samples import sample_motions
@@ -68,6 +71,24 @@ def test_ways_begin_at_one_place_with_one_heading() -> None:
     end = np.linalg.norm(truth.q[-1, [0, 2]] - truth.q[0, [0, 2]])
     np.testing.assert_allclose(measures.path_errors_m(truth, replace(truth, q=slow))[-1], 0.1 * end, rtol=1e-6)
     assert measures.way_m(truth) == pytest.approx(end, rel=0.15)
+
+
+def test_a_way_is_turned_so_that_it_fits_best() -> None:
+    truth = walk()
+    turned = np.array(truth.q)
+    turned[:, [0, 2]] = turned[:, [0, 2]] @ heading_matrix(np.array(0.2))[np.ix_([0, 2], [0, 2])]
+    turned[:, [0, 2]] *= 0.9
+    estimate = replace(truth, q=turned)
+    assert measures.path_errors_m(truth, estimate)[-1] > 0.15 * measures.way_m(truth)
+    found = measures.turned_path_errors_m(truth, estimate)
+    ways = [np.asarray(measures.facing_start(each).q[:, [0, 2]]) for each in (truth, estimate)]
+    # Brute force over the turn; the best fits the whole way, not its end.
+    fits = []
+    for angle in np.linspace(-0.5, 0.5, 2001):
+        c, s = np.cos(angle), np.sin(angle)
+        fits.append(np.linalg.norm(ways[0] - ways[1] @ np.array([[c, s], [-s, c]]), axis=1))
+    best = min(fits, key=lambda errors: float((errors**2).sum()))
+    np.testing.assert_allclose(found, best, atol=1e-3)
 
 
 def test_a_jump_is_found_where_it_is() -> None:
@@ -137,8 +158,8 @@ def test_the_sequences_of_the_recordings(recordings: Path) -> None:
 
 def answers() -> list[Answer]:
     return [
-        Answer("a", "walking", np.array([1.0, 3.0]), 2.0, 10.0, 5.0, 0.1, 2.0, np.ones(2)),
-        Answer("b", "walking", np.array([5.0] * 6), 4.0, float("nan"), float("nan"), 0.1, 0.5, np.ones(6)),
+        Answer("a", "walking", np.array([1.0, 3.0]), 2.0, 10.0, 5.0, 0.1, 0.04, 1.9, 2.0, np.ones(2)),
+        Answer("b", "walking", np.array([5.0] * 6), 4.0, float("nan"), float("nan"), 0.1, 0.1, 0.5, 0.5, np.ones(6)),
     ]
 
 
@@ -149,6 +170,11 @@ def test_means_are_over_frames_and_undefined_figures_are_left_out() -> None:
     assert rows["joint_position_cm_of_sequences"].value == pytest.approx(3.5)
     assert rows["foot_skate_over_truth"].value == pytest.approx(2.0)
     assert rows["path_error_percent"].value == pytest.approx(5.0)
+    assert rows["turned_path_error_percent"].value == pytest.approx(2.0)
+    assert rows["way_length_error_percent"].value == pytest.approx(5.0)
+    assert rows["joint_position_cm_first_two_seconds"].value == pytest.approx(34 / 8)
+    assert "joint_position_cm_after_half_a_second" not in rows  # neither sequence is that long
+    assert pooled_mean(answers(), 1, 3) == pytest.approx(13 / 3)
     assert rows["jitter_over_truth"].value == pytest.approx(3.0)
 
 
@@ -159,13 +185,37 @@ def test_the_page_and_the_picture_show_the_rows() -> None:
         Row("10", OURS, "hips-imu, joint, all, covered", "by-sequence", "joint_position_cm", 5.55, 0.5, 4, 100, 0),
         Row("2", OURS, "W, 500 frames", "none", "step_ms_p99", 0.77, None, 4, 100, 0),
         Row("drop-outs", OURS, f"{FOOT}, all silent", "by-sequence", "worst_jump_cm", 9.87, None, 4, 0, 0),
+        *(
+            Row("tried", OURS, f"blend {blend}", "by-sequence", metric, 5.0 + blend, None, 4, 100, 0)
+            for blend in (0.6, 0.3)
+            for metric in (
+                "mean_over_behaviours_cm",
+                "one_sensor_cm",
+                "two_sensors_cm",
+                "joint_position_cm",
+                "jitter_over_truth",
+            )
+        ),
     ]
     page = one_imu_figures(Results("one-imu", "d" * 64, tuple(rows)), "abc")
-    for figure in ("3.21 ± 0.50", "*4.53*", "4.44 ± 0.50", "0.77", "9.87", "commit `abc`"):
+    for figure in ("3.21 ± 0.50", "*4.53*", "4.44 ± 0.50", "0.77", "9.87", "| 1 | blend 0.3 | 5.30", "commit `abc`"):
         assert figure in page
     svg = placements_svg(rows)
     assert svg.startswith("<svg")
     assert ">4.4<" in svg
+
+
+def test_every_method_is_searched_alike() -> None:
+    assert set(SPACES) == set(METHODS) - {"phase-hmm-paper"}
+    for method, space in SPACES.items():
+        tried = settings_to_try(method)
+        assert len(tried) == TRIALS
+        assert tried[0] == {name: values[0] for name, values in space.items()}
+        assert all(tried.count(each) == 1 for each in tried)
+        assert all(each[name] in values for each in tried for name, values in space.items())
+        assert tried == settings_to_try(method)
+        present = PhaseHmmSettings() if method == OURS else COMPARATORS[method].settings
+        assert all(getattr(present, name) == value for name, value in tried[0].items())
 
 
 def test_methods_are_known_and_unknown_parts_refused() -> None:

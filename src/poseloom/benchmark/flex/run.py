@@ -139,8 +139,8 @@ def trials_of(plan: Plan, split: str) -> list[Trial]:
     for seed in range(plan.seeds[split]):
         names = (OURS, *(NETWORKS if seed < plan.other_seeds else PAPERS))
         trials += [Trial(name, split, seed) for name in names]
-    if plan.full and split == WITHIN:
-        trials.append(Trial("Bi-LSTM-C", split, 0, hidden=FULL_SIZE))
+        if plan.full and split == WITHIN:
+            trials.append(Trial("Bi-LSTM-C", split, seed, hidden=FULL_SIZE))
     return trials
 
 
