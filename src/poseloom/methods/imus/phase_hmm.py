@@ -14,6 +14,7 @@ from poseloom.arrays import Array, Bools, Floats, Floats32, Ints
 from poseloom.errors import MethodError
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor, check_wearer
 from poseloom.methods.imus import _forward_kernels, _pose_kernels
+from poseloom.methods.imus.echoes import Echoes, echo_search
 from poseloom.methods.imus.fitting import bone_lengths, fit_model
 from poseloom.methods.imus.ground import make_legs
 from poseloom.methods.imus.model import WAY_ENTRIES, HmmModel
@@ -68,6 +69,7 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         scales = model.emissions[-1].signal_features.scale.reshape(-1, 2, 3)
         self._sigmas = np.sqrt((scales**2).mean(axis=2))
         self._rejoin = max(round(settings.rejoin_seconds * layout.rate), 1)
+        self._echoes = echo_search(model, float(np.exp(-1 / (settings.echo_seconds * layout.rate))), settings.echoes)
         self._footing = footing_of(settings, layout.rate)
         self._stride = -(-len(model) // settings.restart_states)
 
@@ -75,12 +77,14 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         """See `Reconstructor.start`. Placements must be the layout's usual ones up to a mounting error."""
         check_wearer("the phase HMM moves", self.layout, skeleton, placements)
         feet = foot_sensors(skeleton, placements) if self._footing.paid > 0 and self.settings.foot_odometer else ()
-        wearer = Wearer(make_legs(skeleton), leg_length(skeleton), self._body_weights(skeleton), feet)
+        weights, strangeness = self._body_weights(skeleton)
+        wearer = Wearer(make_legs(skeleton), leg_length(skeleton), weights, strangeness, feet)
         quats = np.zeros((len(BODY_BONES), 4))
         quats[:, 0] = 1.0
         return PhaseHmmState(
             wearer,
             None,
+            self._echoes.none(),
             np.full((self.model.window, CHANNELS * len(self.layout)), np.nan),
             unknown_mounting(len(self.layout), self.settings.mounting),
             None,
@@ -110,13 +114,15 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         seen = emission.of_window(live_window[len(window) - emission.window :])
         log_alpha = self._forward(state, stage, seen if spoken else None)
         whole = spoken and stage == len(self.model.emissions) - 1
-        guess = self._guess(state, log_alpha, seen, self.settings.correction if whole else 0.0)
+        echoes = self._echoes.heard(state.echoes, said)
+        guess = self._guess(state, log_alpha, echoes, seen, self.settings.correction if whole else 0.0)
         mounting = state.mounting
         if spoken and self.settings.mounting > 0:
             mounting = observe_mounting(mounting, said, guess.signal, heard, self._sigmas, self.settings.mounting_gain)
         moved = replace(
             state,
             log_alpha=log_alpha,
+            echoes=echoes,
             window=window,
             mounting=mounting,
             guess=guess,
@@ -140,10 +146,13 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         masses = np.bincount(self.model.phase_of_state, np.exp(state.log_alpha), minlength=len(self.model.phase_names))
         return {name: float(mass) for name, mass in zip(self.model.phase_names, masses, strict=True)}
 
-    def _body_weights(self, skeleton: Skeleton) -> Floats[Array, "segments"]:
-        how = self.settings
-        away = np.linalg.norm((self.model.bodies - bone_lengths(skeleton)) / how.body_scale, axis=1)
-        return -0.5 * np.minimum(away, how.body_limit)[self.model.body_of_segment] ** 2
+    def _body_weights(self, skeleton: Skeleton) -> tuple[Floats[Array, "segments"], Floats32[Array, "segments"]]:
+        """Of each segment the log weight for how well its build fits the wearer's, and its strangeness."""
+        how, owner = self.settings, self.model.body_of_segment
+        apart = self.model.bodies - bone_lengths(skeleton)
+        away = np.linalg.norm(apart / how.body_scale, axis=1)
+        strangeness = how.echo_build * np.square(100 * apart).mean(axis=1)
+        return -0.5 * np.minimum(away, how.body_limit)[owner] ** 2, strangeness.astype(np.float32)[owner]
 
     def _stage(self, age: int) -> int:
         """Index of the longest window that so many samples fill; the shortest where they fill none."""
@@ -174,11 +183,16 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         return log_alpha
 
     def _guess(
-        self, state: PhaseHmmState, log_alpha: Floats[Array, "states"], seen: Floats32[Array, "columns"],
-        correction: float,
+        self, state: PhaseHmmState, log_alpha: Floats[Array, "states"], echoes: Echoes,
+        seen: Floats32[Array, "columns"], correction: float,
     ) -> Guess:  # fmt: skip
         model = self.model
         segments, weights, places = self._best(state, log_alpha)
+        if self.settings.echoes > 0:
+            rows, owners = self._echoes.nearest(echoes, state.wearer.strangeness)
+            share = self.settings.echo_share
+            segments, places = np.concatenate([segments, owners]), np.concatenate([places, rows])
+            weights = np.concatenate([(1 - share) * weights, np.full(len(rows), share / len(rows))])
         lower = np.floor(places).astype(np.int64)
         upper = np.minimum(lower + 1, model.stop[segments] - 1)
         fraction = np.where(upper > lower, places - lower, 0.0)

@@ -29,6 +29,10 @@ class PhaseHmmSettings:
         one_phase: Whether they must all be of the most probable phase.
         evenness: Segments that count in effect at least (1 over the sum of squared weights): the posterior of windows
             that overlap is too sure of itself, and the mean of some examples is nearer than the best of them.
+        echoes: Frames of the examples with the nearest signals that are asked for a second opinion; 0 asks none.
+        echo_share: What that opinion counts.
+        echo_seconds: Time constant with which their signals' differences fade.
+        echo_build: Weight of a differing build there, in variances of the signal a squared centimetre a bone.
         weight_smoothing: Share of the last step's weights that is kept.
         shrinkage: Of the Gaussian map, see `fit_gaussian_map`.
         correction: Share of the Gaussian map's correction by the live signal that is applied.
@@ -68,6 +72,10 @@ class PhaseHmmSettings:
     reach: int = 3
     one_phase: bool = False
     evenness: float = 4.0
+    echoes: int = 5
+    echo_share: float = 0.5
+    echo_seconds: float = 0.2
+    echo_build: float = 0.03
     weight_smoothing: float = 0.0
     shrinkage: float = 0.3
     correction: float = 0.0
@@ -104,6 +112,7 @@ PAPER_SETTINGS = PhaseHmmSettings(
     continuity=0.0,
     restart=0.001,
     one_phase=True,
+    echoes=0,
     weight_smoothing=0.7,
     shrinkage=0.3,
     correction=1.0,

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from poseloom.arrays import Array, Floats, Ints
+from poseloom.arrays import Array, Floats, Floats32, Ints
+from poseloom.methods.imus.echoes import Echoes
 from poseloom.methods.imus.ground import Ground, Legs
 from poseloom.methods.imus.mounting import Mounting
 from poseloom.methods.imus.strides import FootSensor, Stride
@@ -16,12 +17,14 @@ class Wearer:
         legs: The wearer's skeleton, legs and soles.
         leg: Length of a leg, metres.
         log_weight: Of each segment, how well the person's build in it fits the wearer's.
+        strangeness: Of each segment, how differently who moved there is built, for the nearest frames.
         feet: The sensors on feet that are listened to for the way.
     """
 
     legs: Legs
     leg: float
     log_weight: Floats[Array, "segments"]
+    strangeness: Floats32[Array, "segments"]
     feet: tuple[FootSensor, ...]
 
 
@@ -57,6 +60,7 @@ class PhaseHmmState:
     Attributes:
         wearer: What does not.
         log_alpha: Log probability of each state given all samples; None before the first.
+        echoes: How far the last samples are from those of every state.
         window: The last samples as the sensors said them, gaps filled with what was expected.
         mounting: What is known of the sensors' mounting errors.
         guess: What the segments said last; None before the first sample.
@@ -75,6 +79,7 @@ class PhaseHmmState:
 
     wearer: Wearer
     log_alpha: Floats[Array, "states"] | None
+    echoes: Echoes
     window: Floats[Array, "window channels"]
     mounting: Mounting
     guess: Guess | None
