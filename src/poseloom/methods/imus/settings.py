@@ -57,8 +57,8 @@ class PhaseHmmSettings:
         phases: How phases are told.
     """
 
-    window: int = 30
-    columns: int = 60
+    window: int = 20
+    columns: int = 45
     short_windows: tuple[tuple[int, int], ...] = ((4, 16), (12, 32))
     window_emission: bool = True
     tempering: float = 0.1
@@ -74,7 +74,7 @@ class PhaseHmmSettings:
     evenness: float = 4.0
     echoes: int = 5
     echo_share: float = 0.5
-    echo_seconds: float = 0.2
+    echo_seconds: float = 0.3
     echo_build: float = 0.03
     weight_smoothing: float = 0.0
     shrinkage: float = 0.3
@@ -92,7 +92,7 @@ class PhaseHmmSettings:
     turn_seconds: float = 0.6
     contact_lock: float = 0.5
     lock_limit: float = 0.04
-    way_seconds: float = 0.5
+    way_seconds: float = 0.8
     way_memory: float = 4.0
     foot_odometer: bool = True
     lost_after: float = 2.0
