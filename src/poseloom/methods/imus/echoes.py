@@ -51,7 +51,9 @@ class EchoSearch:
         return Echoes(np.zeros(len(self.model), dtype=np.float32), 0.0)
 
     def heard(self, echoes: Echoes, said: Floats[Array, "channels"]) -> Echoes:
-        """A sample later."""
+        """A sample later; nothing is done where no frame is sought."""
+        if self.count == 0:
+            return echoes
         out = np.empty_like(echoes.distances)
         _echo_kernels.follow(
             echoes.distances, self.model.signals, self.begins, said.astype(np.float32), self.weights, self.kept, out
