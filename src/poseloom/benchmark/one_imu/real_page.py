@@ -12,6 +12,7 @@ _LEG_METRICS = (
     ("knee_position_cm", "knees, cm"),
     ("ankle_position_cm", "ankles, cm"),
 )
+_WAY_METRICS = (("turned_path_error_percent", "way's end, %"), ("way_length_error_percent", "its length, %"))
 _ANGLES = tuple((f"{side}_{joint}", f"{side} {joint}") for side in ("left", "right") for joint in ("hip", "knee"))
 
 
@@ -113,12 +114,14 @@ def _walk(rows: Sequence[Row]) -> str:
             f"{own[f'{name}_deg']:.1f} ({own[f'{name}_deg_without_offset']:.1f}, r {own[f'{name}_correlation']:.2f})"
             for name, _ in _ANGLES
         ]
-        lines.append((setting, method, *(f"{own[metric]:.1f}" for metric, _ in _LEG_METRICS), *angles))
-    heads = ("sensors", "method", *(label for _, label in _LEG_METRICS), *(label for _, label in _ANGLES))
+        lengths = [f"{own[metric]:.1f}" if metric in own else "" for metric, _ in (*_LEG_METRICS, *_WAY_METRICS)]
+        lines.append((setting, method, *lengths, *angles))
+    heads = ("sensors", "method", *(label for _, label in (*_LEG_METRICS, *_WAY_METRICS, *_ANGLES)))
     return (
         f"## A real walk, legs against cameras\n\n{mine[0].frames} frames at 60 Hz. Distances of joints from the "
-        "cameras', place and heading of the hips removed; flexions in degrees: mean difference (without its mean, "
-        f"correlation).\n\n{markdown_table(heads, lines)}"
+        "cameras', place and heading of the hips removed; how far off the hips' way ends, turned so as to fit best, and "
+        "its length is, in percent of it; flexions in degrees: mean difference (without its mean, correlation).\n\n"
+        f"{markdown_table(heads, lines)}"
     )
 
 

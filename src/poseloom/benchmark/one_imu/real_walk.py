@@ -3,7 +3,8 @@
 The walk with truth is subject S02's of `neura_walk`: raw packets of Xsens sensors, resampled, aligned to their bones by
 standing and walking, and given to a method sample by sample. Nothing optical enters but the lengths of the legs, which
 a wearer knows. Compared are the legs: knees and ankles seen from the middle of the hip joints, without the hips'
-heading, which no inertial sensor without a magnetometer knows. (The cameras' toes are markers, not joints.)
+heading, which no inertial sensor without a magnetometer knows, and the hips' way. (The cameras' toes are markers, not
+joints.)
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from poseloom.arrays import Array, Floats
+from poseloom.benchmark.one_imu.measures import turned_path_errors_m, way_m
 from poseloom.benchmark.one_imu.optical import FIRST_ROW, RATE, OpticalWalk, read_optical_walk
 from poseloom.calibration.imu_alignment import align_imus, turn_to_bones
 from poseloom.evaluation.rows import Row
@@ -192,6 +194,19 @@ def leg_rows(truth: LegPlaces, estimate: LegPlaces, method: str, setting: str) -
     return tuple(rows)
 
 
+def way_rows(truth: Motion, estimate: Motion, method: str, setting: str) -> tuple[Row, ...]:
+    """The hips' way over the ground against the cameras', in percent of its length."""
+    length = way_m(truth)
+    values = (
+        ("turned_path_error_percent", float(turned_path_errors_m(truth, estimate)[-1])),
+        ("way_length_error_percent", abs(way_m(estimate) - length)),
+    )
+    return tuple(
+        Row("real-walk", method, setting, "by-subject", metric, 100 * value / length, sequences=1, frames=len(truth))
+        for metric, value in values
+    )
+
+
 def neura_moments(recording: Recording, reconstruction: Reconstruction) -> tuple[np.ndarray, Floats[Array, "moments"]]:
     """Which frames of a reconstruction the cameras saw, and when in the cameras' frames."""
     rows = recording.times[reconstruction.samples] * RATE - FIRST_ROW
@@ -225,6 +240,8 @@ def real_walk(
         legs = estimated_legs(estimate)
         part = LegPlaces(legs.joints[seen], legs.hips[seen])
         rows += leg_rows(optical_legs(optical, moments), part, name, recording.layout.name)
+        seen_by_cameras = optical_motion(optical, moments, estimate.rate)
+        rows += way_rows(seen_by_cameras, estimate.cut(int(seen[0]), int(seen[-1]) + 1), name, recording.layout.name)
     moments = np.arange(len(optical), dtype=np.float64)
     truth = optical_legs(optical, moments)
     for name, legs in (("standing still", _standing(optical)), ("mean of the truth itself", _mean(truth))):
