@@ -19,6 +19,7 @@ from poseloom.benchmark.one_imu.real_walk import (
     optical_legs,
     optical_motion,
     real_walk,
+    way_rows,
 )
 from poseloom.cli._app import run
 from poseloom.evaluation.rows import Results, Row
@@ -107,6 +108,17 @@ def test_legs_are_seen_from_the_hips_alone():
     knees = leg_angles_deg(legs)["knee"]
     assert 0 <= knees.min() < 25
     assert 35 < knees.max() < 90
+
+
+def test_a_way_too_short_is_told_whatever_its_heading():
+    walk = sample_motions()["walk"]
+    turn, short = heading_matrix(np.array(0.8)), np.array(walk.q)
+    short[:, :3] = (short[:, :3] * [0.9, 1.0, 0.9]) @ turn.T
+    rows = {row.metric: row.value for row in way_rows(walk, make_motion(walk.skeleton, short, walk.rate), "m", "s")}
+    assert rows["way_length_error_percent"] == pytest.approx(10.0, abs=0.01)
+    assert rows["turned_path_error_percent"] == pytest.approx(
+        10.0, abs=3.0
+    )  # of a way that is longer than its ends are apart
 
 
 @pytest.mark.recordings

@@ -119,8 +119,8 @@ def _walk(rows: Sequence[Row]) -> str:
     heads = ("sensors", "method", *(label for _, label in (*_LEG_METRICS, *_WAY_METRICS, *_ANGLES)))
     return (
         f"## A real walk, legs against cameras\n\n{mine[0].frames} frames at 60 Hz. Distances of joints from the "
-        "cameras', place and heading of the hips removed; how far off the hips' way ends, turned so as to fit best, and "
-        "its length is, in percent of it; flexions in degrees: mean difference (without its mean, correlation).\n\n"
+        "cameras', place and heading of the hips removed; how far off the hips' way ends, turned so as to fit best, "
+        "and its length is, in percent of it; flexions in degrees: mean difference (without its mean, correlation).\n\n"
         f"{markdown_table(heads, lines)}"
     )
 
