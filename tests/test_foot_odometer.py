@@ -5,7 +5,7 @@ import pytest
 
 from poseloom.methods.imus.ground import Footing, make_legs, move, start_ground
 from poseloom.methods.imus.odometer import FootTrack, flown, start_track, stood
-from poseloom.methods.imus.strides import Stride, foot_sensors, missing_way, no_stride, sensed, shown
+from poseloom.methods.imus.strides import Stride, foot_sensors, missing_turn, missing_way, no_stride, sensed, shown
 from poseloom.rotations import matrix_from_rotvec, rotvec_from_matrix
 from poseloom.sensors import default_placements, imu_layout
 from poseloom.skeleton import average_body, forward_kinematics
@@ -67,6 +67,15 @@ def test_strides_are_as_long_as_they_were() -> None:
     astray = (alone[last].place - alone[STANCE - 1].place)[[0, 2]]
     assert abs(np.linalg.norm(astray) - 5 * STEP) > 0.5
     assert np.abs(places[last] - places[0]).max() > 5  # the test's own motion goes somewhere
+
+
+def test_the_gyroscope_s_bias_is_learnt_from_stances() -> None:
+    _, forces, rates, stands = strides(60)
+    bias = np.array([0.005, 0.009, -0.004])
+    track = tracked(forces, rates + bias, stands)[-1]
+    assert track.bias == pytest.approx(bias, abs=0.003)
+    # About the vertical only a foot that does not turn while it stands can tell.
+    assert abs(track.bias[1] - bias[1]) < 0.3 * bias[1]
 
 
 def test_what_it_believes_of_its_errors_is_about_right() -> None:
@@ -151,7 +160,7 @@ def run_figure(share: float, heard: bool = True) -> tuple[float, Stride]:
         standing = np.full(4, float(stands[index]))
         stride = sensed(stride, foot, said, np.array([heard]), standing, turn[1][None], 1 / RATE)
         moved = share * (places[index] - places[index - 1])[[0, 2]] + paid * missing_way((stride,))
-        stride = shown(stride, moved, paid, 1 / RATE)
+        stride = shown(stride, foot, moved, 0.4, paid, 1 / RATE)
         gone = gone + moved
     return float(np.linalg.norm(gone)), stride
 
@@ -160,6 +169,25 @@ def run_figure(share: float, heard: bool = True) -> tuple[float, Stride]:
 def test_a_figure_goes_as_far_as_the_foot_did(share: float) -> None:
     # What is missing is forgotten within seconds, so that a fifth too short comes out a few hundredths short.
     assert run_figure(share)[0] == pytest.approx(10 * STEP, rel=0.05)
+
+
+def test_a_figure_that_turns_away_is_turned_back() -> None:
+    body = average_body()
+    placements = default_placements(imu_layout("right-foot"), body)
+    (foot,) = foot_sensors(body, placements)
+    turn = placements[0].R_bone_sensor
+    _, forces, rates, stands = strides(6)
+    stride, heading, paid = no_stride(), -1.1, 0.02
+    headings = []
+    for force, rate, stand in zip(forces @ turn, rates @ turn, stands, strict=True):
+        said = np.concatenate([force, rate])
+        stride = sensed(stride, foot, said, np.array([True]), np.full(4, float(stand)), turn[1][None], 1 / RATE)
+        heading += 0.002 + paid * missing_turn((stride,))
+        stride = shown(stride, foot, np.zeros(2), heading, paid, 1 / RATE)
+        headings.append(heading)
+    # The wearer goes straight on, the figure would have turned by 70 degrees: it stays as at the first stance.
+    assert 0.002 * len(headings) > 1.2
+    assert np.abs(np.array(headings[100:]) + 1.1).max() < 0.3
 
 
 def test_a_silent_foot_says_nothing() -> None:

@@ -3,7 +3,7 @@
 Between two stances the sensor's specific force, turned into a level frame and freed of gravity, is integrated twice;
 while the sole stands the sensor's velocity is that of a rigid body rolling about its contact. An error-state Kalman
 filter over turn, velocity, place and gyroscope bias carries what a stance tells back to the flight before it (Foxlin,
-Pedestrian tracking with shoe-mounted inertial sensors, 2005). Its heading is its own: only lengths are used.
+Pedestrian tracking with shoe-mounted inertial sensors, 2005). Its heading begins anywhere.
 """
 
 from typing import NamedTuple, cast
@@ -23,6 +23,10 @@ _SPEED_NOISE = 0.3
 """Metres a second that the velocity's error grows by in a second: bias, scale and the sampling of impacts."""
 
 _BIAS_NOISE = 1e-4
+
+_QUIET = (0.02, 3.0)
+"""Standard deviation of a standing foot's mean turning, rad/s, and for each rad/s by which it turns: who stands quietly
+tells the gyroscope's bias at once, who walks over minutes."""
 
 _START = np.repeat([0.3, 2.0, 1e-3, 0.02], 3)
 """Standard deviations at the start: radians of turn, m/s of velocity, metres, rad/s of the gyroscope's bias."""
@@ -106,19 +110,27 @@ def stood(track: FootTrack, arm: Floats[Array, "3"], sigma: float) -> FootTrack:
     seen = np.zeros((3, 12))
     seen[:, 0:3] = _cross(rolling)
     seen[:, 3:6] = np.eye(3)
+    track = _corrected(track, rolling - track.velocity, seen, sigma)
+    # On average a standing foot does not turn: this tells the bias, about the vertical too.
+    quiet = _QUIET[0] + _QUIET[1] * float(np.linalg.norm(track.rate))
+    still = np.zeros((3, 12))
+    still[:, 9:12] = np.eye(3)
+    return _corrected(track, track.rate - track.bias, still, quiet)._replace(stood=True)
+
+
+def _corrected(track: FootTrack, error: Floats[Array, "3"], seen: Floats[Array, "3 12"], sigma: float) -> FootTrack:
+    """The Kalman update by three numbers, each with the same standard deviation."""
     spread = seen @ track.covariance
     gain = cast(NDArray[np.float64], np.linalg.solve(spread @ seen.T + sigma**2 * np.eye(3), spread)).T
-    error = gain @ (rolling - track.velocity)
+    step = gain @ error
     kept = np.eye(12) - gain @ seen
     # Joseph's form: it stays symmetric and positive, whatever is rounded.
-    covariance = kept @ track.covariance @ kept.T + sigma**2 * gain @ gain.T
     return track._replace(
-        turn=matrix_from_rotvec(error[0:3]) @ track.turn,
-        velocity=track.velocity + error[3:6],
-        place=track.place + error[6:9],
-        bias=track.bias + error[9:12],
-        covariance=covariance,
-        stood=True,
+        turn=matrix_from_rotvec(step[0:3]) @ track.turn,
+        velocity=track.velocity + step[3:6],
+        place=track.place + step[6:9],
+        bias=track.bias + step[9:12],
+        covariance=kept @ track.covariance @ kept.T + sigma**2 * gain @ gain.T,
     )
 
 

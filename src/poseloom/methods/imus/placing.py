@@ -1,5 +1,6 @@
 """The pose that the segments state, blended with the last one and put in its place: heading, way and standing feet."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from poseloom.methods.imus.ground import Footing, heading_turn, move, start_grou
 from poseloom.methods.imus.model import WAY_ENTRIES
 from poseloom.methods.imus.settings import PhaseHmmSettings
 from poseloom.methods.imus.state import Guess, PhaseHmmState
-from poseloom.methods.imus.strides import missing_way, shown
+from poseloom.methods.imus.strides import missing_turn, missing_way, shown
 from poseloom.rotations import nearest_branch, quat_from_matrix, quat_multiply, rotvec_from_quat
 
 
@@ -52,13 +53,16 @@ def in_place(
     excess = float((guess.ups * (live - guess.signal).reshape(-1, 2, 3)[:, 1]).sum()) / len(guess.ups)
     drift = before.drift + (excess / rate - before.drift) / (how.turn_seconds * rate)
     last = before.guess.others
-    heading = before.heading + float(last[3]) + drift
+    heading = before.heading + float(last[3]) + drift + footing.paid * missing_turn(state.strides)
     way = state.wearer.leg * (heading_turn(before.heading) @ np.array([last[1], 0.0, last[2]]))[[0, 2]]
     q, missing = _vector(blended, heading, before.q), missing_way(state.strides)
     ground, q = move(state.wearer.legs, before.ground, q, way, height, standing, missing, footing)
     went = (ground.soles - before.ground.soles).reshape(2, 2, 3).mean(axis=1)[:, [0, 2]]
+    ahead = (ground.soles[1::2] - ground.soles[::2])[:, [0, 2]]
     strides = tuple(
-        shown(stride, went[foot.side], footing.paid, 1 / rate)
+        shown(
+            stride, foot, went[foot.side], math.atan2(ahead[foot.side, 0], ahead[foot.side, 1]), footing.paid, 1 / rate
+        )
         for stride, foot in zip(state.strides, state.wearer.feet, strict=True)
     )
     gone = before.gone + float(np.linalg.norm(ground.root[[0, 2]] - before.ground.root[[0, 2]]))

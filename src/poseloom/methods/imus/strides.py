@@ -1,10 +1,11 @@
-"""What is missing of the root's way, by the sensor of a foot.
+"""What is missing of the root's way and heading, by the sensor of a foot.
 
 The examples' legs give the root its way (`ground`), and they swing as far as the examples' did. A sensor on a foot
-hears how far that foot really went from one stance to the next (`odometer`). Where the two differ the body is moved
-along its own direction: the sensor's heading is not trusted, only its lengths.
+hears how far that foot really went from one stance to the next, and how far it turned (`odometer`). Where the two
+differ the body is moved along its own direction, and turned about world up.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -49,11 +50,13 @@ class FootSensor:
         sensor: Its place in the layout.
         side: 0 for the left foot, 1 for the right.
         arms: From the undersides of heel and toes to the sensor, in the sensor's axes, metres; toes not bent.
+        ahead: Where the foot points, in the sensor's axes.
     """
 
     sensor: int
     side: int
     arms: Floats[Array, "2 3"]
+    ahead: Floats[Array, "3"]
 
 
 class Stride(NamedTuple):
@@ -64,6 +67,8 @@ class Stride(NamedTuple):
         sensed: Metres (x, z) gone by the track, older ones forgotten; in the track's own heading.
         shown: The same of the figure's sole.
         missing: Metres (x, z) by which the figure is still to be moved.
+        facing: Radians from the track's heading to the figure's, as the first stance showed it; None before.
+        missing_turn: Radians by which the figure is still to be turned about world up.
         stands: Whether the foot was heard to stand at the last sample.
     """
 
@@ -71,6 +76,8 @@ class Stride(NamedTuple):
     sensed: Floats[Array, "2"]
     shown: Floats[Array, "2"]
     missing: Floats[Array, "2"]
+    facing: float | None
+    missing_turn: float
     stands: bool
 
 
@@ -84,7 +91,7 @@ def foot_sensors(skeleton: Skeleton, placements: Sequence[Placement]) -> tuple[F
         points = sole_points(skeleton, ("left", "right")[side])
         toes = skeleton.offsets[skeleton.index(("leftToes", "rightToes")[side])]
         arms = (placement.p_bone_sensor - np.stack([points.heel, toes + points.toe])) @ placement.R_bone_sensor
-        found.append(FootSensor(index, side, arms))
+        found.append(FootSensor(index, side, arms, placement.R_bone_sensor[2]))
     return tuple(found)
 
 
@@ -93,10 +100,15 @@ def missing_way(strides: Sequence[Stride]) -> Floats[Array, "2"]:
     return np.mean([stride.missing for stride in strides], axis=0) if strides else np.zeros(2)
 
 
+def missing_turn(strides: Sequence[Stride]) -> float:
+    """Radians by which the figure is to be turned, as the feet say on average."""
+    return sum(stride.missing_turn for stride in strides) / len(strides) if strides else 0.0
+
+
 def no_stride() -> Stride:
     """Nothing is known."""
     zero = np.zeros(2)
-    return Stride(None, zero, zero, zero, False)
+    return Stride(None, zero, zero, zero, None, 0.0, False)
 
 
 def sensed(
@@ -136,12 +148,16 @@ def sensed(
     return stride._replace(track=track, sensed=kept * stride.sensed + gone, stands=stands)
 
 
-def shown(stride: Stride, moved: Floats[Array, "2"], paid: float, seconds: float) -> Stride:
+def shown(
+    stride: Stride, foot: FootSensor, moved: Floats[Array, "2"], heading: float, paid: float, seconds: float
+) -> Stride:
     """Takes the figure's own movement into account.
 
     Args:
         stride: Before.
+        foot: Whose.
         moved: Metres (x, z) that the sole of the figure's foot went in this frame.
+        heading: Of the figure's foot.
         paid: Share of what was missing that has been made up for in it.
         seconds: Of a frame.
     """
@@ -153,4 +169,10 @@ def shown(stride: Stride, moved: Floats[Array, "2"], paid: float, seconds: float
     if stride.stands and length > _LEAST:
         ratio = float(np.linalg.norm(stride.sensed)) / length
         missing = (np.clip(ratio, 1 / _MOST_RATIO, _MOST_RATIO) - 1) * way
-    return stride._replace(shown=way, missing=missing)
+    facing, missing_turn = stride.facing, (1 - paid) * stride.missing_turn
+    if stride.stands:
+        ahead = stride.track.turn @ foot.ahead
+        apart = heading - math.atan2(ahead[0], ahead[2])
+        facing = apart if facing is None else facing
+        missing_turn = math.remainder(facing - apart, math.tau)
+    return stride._replace(shown=way, missing=missing, facing=facing, missing_turn=missing_turn)
