@@ -215,7 +215,7 @@ def test_every_method_is_searched_alike() -> None:
         assert all(each[name] in values for each in tried for name, values in space.items())
         assert tried == settings_to_try(method)
         present = PhaseHmmSettings() if method == OURS else COMPARATORS[method].settings
-        assert all(getattr(present, name) == value for name, value in tried[0].items())
+        assert {name: getattr(present, name) for name in space} in tried
 
 
 def test_methods_are_known_and_unknown_parts_refused() -> None:

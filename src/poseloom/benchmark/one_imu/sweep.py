@@ -15,7 +15,7 @@ from poseloom.evaluation.rows import Row
 from poseloom.library.pool import in_order
 
 TRIALS = 40
-"""Settings that are tried for each method, its present ones first."""
+"""Settings that are tried for each method."""
 
 SPACES: Mapping[str, Mapping[str, tuple[Any, ...]]] = MappingProxyType(
     {
@@ -65,13 +65,13 @@ SPACES: Mapping[str, Mapping[str, tuple[Any, ...]]] = MappingProxyType(
         },
     }
 )
-"""What may be tried. The first value of each setting is the present one."""
+"""What may be tried. The search begins with the first value of each setting, which were the settings before it."""
 
 
 def settings_to_try(method: str, trials: int = TRIALS, seed: int = 0) -> list[dict[str, Any]]:
-    """The present settings of a method, then others drawn evenly from its space, none twice.
+    """The first settings of a method, then others drawn evenly from its space, none twice.
 
-    Half of the draws keep each setting at its present value with a probability of one half, so that the neighbourhood
+    Half of the draws keep each setting at its first value with a probability of one half, so that the neighbourhood
     of what earlier searches found is looked at as well as the whole space.
     """
     space = SPACES[method]

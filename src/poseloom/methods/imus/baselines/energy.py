@@ -26,11 +26,12 @@ class EnergySettings(WindowSettings):
         floor: Standard deviation of a feature (about a radian) that the prior allows beyond the local model's.
     """
 
-    neighbours: int = 8
+    samples: int = 45
+    neighbours: int = 6
     components: int = 8
-    control: float = 0.3
-    smoothness: float = 0.1
-    build: float = 0.03
+    control: float = 1.0
+    smoothness: float = 0.3
+    build: float = 0.1
     floor: float = 0.02
 
 

@@ -31,11 +31,12 @@ class GraphSettings(WindowSettings):
             entered, transition or not.
     """
 
+    samples: int = 45
     branches: int = 24
-    blend: float = 0.2
-    gain: float = 0.5
-    build: float = 0.03
-    lost: float = 0.3
+    blend: float = 0.1
+    gain: float = 0.9
+    build: float = 0.1
+    lost: float = 0.1
 
 
 class _Memory(NamedTuple):

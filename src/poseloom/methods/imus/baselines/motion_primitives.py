@@ -30,10 +30,10 @@ class PrimitiveSettings(WindowSettings):
 
     samples: int = 1
     canonical: int = 12
-    coefficients: int = 8
-    mixture: int = 3
-    dulling: float = 1.0
-    beam: int = 96
+    coefficients: int = 5
+    mixture: int = 1
+    dulling: float = 2.0
+    beam: int = 192
     averaged: int = 8
     seed: int = 0
 

@@ -23,7 +23,7 @@ class NearestWindowSettings(WindowSettings):
 
     samples: int = 30
     neighbours: int = 5
-    build: float = 0.03
+    build: float = 1.0
 
 
 class _Memory(NamedTuple):

@@ -27,11 +27,12 @@ class RegressionSettings(WindowSettings):
         seed: Of the first guess of the phases.
     """
 
-    phases: int = 32
+    samples: int = 12
+    phases: int = 16
     latent: int = 16
-    width: float = 0.3
+    width: float = 1.0
     ridge: float = 0.1
-    dulling: float = 1.0
+    dulling: float = 12.0
     examples: int = 600
     seed: int = 0
 
