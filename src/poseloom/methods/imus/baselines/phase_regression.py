@@ -18,6 +18,7 @@ class RegressionSettings(WindowSettings):
     """Settings of `PhaseRegression`.
 
     Attributes:
+        samples: Length of the windows of signals.
         phases: Phases of each behaviour.
         latent: Dimensions of the latent poses.
         width: Width of the kernel, in median distances of a phase's windows.
