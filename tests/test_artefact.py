@@ -119,3 +119,5 @@ def test_other_archives_are_named(tmp_path: Path):
         read_artefact(tmp_path / "plain.npz", "model")
     with pytest.raises(FormatError, match="no such file"):
         read_artefact(tmp_path / "none.npz", "model")
+    with pytest.raises(FormatError, match="folder"):
+        read_artefact(tmp_path, "model")

@@ -144,6 +144,8 @@ def read_artefact(path: str | Path, kind: str, version: int | None = None) -> Ar
         )
     except FileNotFoundError:
         raise FormatError("there is no such file", remedy="Check the path", file=file) from None
+    except IsADirectoryError:
+        raise FormatError(f"this is a folder, not the file of a {kind}", remedy="Name the file", file=file) from None
     except _DAMAGE as error:
         raise FormatError(
             f"this file cannot be read as a {kind}",
