@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats
 from poseloom.rotations import aligning_matrix, matrix_from_rotvec
-
-_GRAVITY = np.array([0.0, -9.80665, 0.0])
+from poseloom.synthesis.imus import GRAVITY
 
 _TURN_NOISE = 0.02
 """Radians that the attitude's error grows by in a second: scale errors and noise of the gyroscope."""
@@ -81,7 +80,7 @@ def flown(track: FootTrack, force: Floats[Array, "3"], rate: Floats[Array, "3"],
     spin = 0.5 * (rate + track.rate) - track.bias
     middle = track.turn @ matrix_from_rotvec(0.5 * seconds * spin)
     felt = middle @ (0.5 * (force + track.force))
-    acceleration = felt + _GRAVITY
+    acceleration = felt - np.array([0.0, GRAVITY, 0.0])
     moved = np.eye(12)
     moved[3:6, 0:3] = -seconds * _cross(felt)
     moved[6:9, 3:6] = seconds * np.eye(3)

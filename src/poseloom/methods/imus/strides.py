@@ -18,6 +18,7 @@ from poseloom.methods.imus.pairs import CHANNELS
 from poseloom.sensors import Placement
 from poseloom.skeleton.contacts import sole_points
 from poseloom.skeleton.skeleton import Skeleton
+from poseloom.synthesis.imus import GRAVITY
 
 _FEET = ("leftFoot", "rightFoot")
 
@@ -139,7 +140,7 @@ def sensed(
     track = flown(stride.track, force, rate, seconds)
     soles = standing[2 * foot.side : 2 * foot.side + 2]
     turning = float(np.linalg.norm(rate))
-    pushed = abs(float(np.linalg.norm(force)) - 9.80665)
+    pushed = abs(float(np.linalg.norm(force)) - GRAVITY)
     stands = bool(soles.max() > _STANDS and turning < _STILL_RATE and pushed < _STILL_FORCE)
     if stands:
         track = stood(track, soles @ foot.arms / soles.sum(), _SLIP[0] + _SLIP[1] * turning)
