@@ -187,12 +187,13 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
         seen: Floats32[Array, "columns"], correction: float,
     ) -> Guess:  # fmt: skip
         model = self.model
-        segments, weights, places = self._best(state, log_alpha)
+        best, best_weights, places = self._best(state, log_alpha)
+        segments, weights = best, best_weights
         if self.settings.echoes > 0:
             rows, owners = self._echoes.nearest(echoes, state.wearer.strangeness)
             share = self.settings.echo_share
-            segments, places = np.concatenate([segments, owners]), np.concatenate([places, rows])
-            weights = np.concatenate([(1 - share) * weights, np.full(len(rows), share / len(rows))])
+            segments, places = np.concatenate([best, owners]), np.concatenate([places, rows])
+            weights = np.concatenate([(1 - share) * best_weights, np.full(len(rows), share / len(rows))])
         lower = np.floor(places).astype(np.int64)
         upper = np.minimum(lower + 1, model.stop[segments] - 1)
         fraction = np.where(upper > lower, places - lower, 0.0)
@@ -212,8 +213,8 @@ class PhaseHmm(Reconstructor[PhaseHmmState]):
             weights @ others,
             weights @ self._between(model.signals, lower, upper, fraction),
             np.tensordot(weights, self._between(model.ups, lower, upper, fraction), 1),
-            segments,
-            weights,
+            best,
+            best_weights,
         )
 
     def _best(

@@ -39,8 +39,8 @@ class Guess:
         others: Height, way, turn and contacts.
         signal: What the sensors are expected to say now, well mounted.
         ups: World up in the sensors' frames.
-        segments: The K best segments.
-        weights: Their weights.
+        segments: The K best segments, without the second opinion's.
+        weights: Their weights among themselves.
     """
 
     quats_wxyz: Floats[Array, "joints 4"]
