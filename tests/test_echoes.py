@@ -55,6 +55,9 @@ def test_running_distances_are_those_of_windows() -> None:
         else:
             # What lies before a clip counts as what its first frame was off at that time.
             assert echoes.distances[i] > wanted - 1e-4
+            first = (heard[::-1][back:] - model.signals[i - back + 1]).reshape(-1, 2, 3)
+            faded = KEPT ** np.arange(back, len(heard)) * (np.square(first).sum(axis=2) / variance).sum(axis=1)
+            assert echoes.distances[i] == pytest.approx(wanted + faded.sum() / 6, rel=1e-3)
     assert echoes.weight == pytest.approx((1 - KEPT**25) / (1 - KEPT))
 
 
