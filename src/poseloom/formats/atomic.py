@@ -15,6 +15,18 @@ def check_folder(target: Path, kind: type[PoseloomError] = PoseloomError) -> Non
 
 
 @contextmanager
+def naming(target: str | Path) -> Generator[None, None, None]:
+    """Names the target in every OSError of the block that names no file, as that of a full disk, or a hidden one."""
+    try:
+        yield
+    except OSError as error:
+        named = error.filename
+        if error.errno is not None and (named is None or Path(str(named)).name.startswith(".")):
+            error.filename, error.filename2 = str(target), None
+        raise
+
+
+@contextmanager
 def atomic_file(target: str | Path) -> Generator[Path, None, None]:
     """A temporary path beside the target, to write to; its file takes the target's place when the block ends well.
 
@@ -22,12 +34,13 @@ def atomic_file(target: str | Path) -> Generator[Path, None, None]:
     the target's suffix, by which writers choose their format.
 
     Raises:
-        OSError: if the folder does not exist or cannot be written to.
+        OSError: naming the target, if the folder does not exist or cannot be written to, or the disk is full.
     """
     path = Path(target)
     part = path.with_name(f".part-{secrets.token_hex(6)}-{path.name}")
     try:
-        yield part
-        part.replace(path)
+        with naming(path):
+            yield part
+            part.replace(path)
     finally:
         part.unlink(missing_ok=True)
