@@ -44,7 +44,7 @@ def test_a_file_larger_than_is_read_is_refused_before_it_is_read(tmp_path: Path)
     path = tmp_path / "sparse.bvh"
     with path.open("wb") as stream:
         stream.truncate(1 << 40)
-    with pytest.raises(FormatError, match="more than the"):
+    with pytest.raises(FormatError, match="more than"):
         read_bytes(path)
 
 
@@ -76,8 +76,12 @@ def test_damage_becomes_one_error_and_defects_pass() -> None:
 
 
 def test_a_full_disk_names_the_target_and_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(OSError) as raised, atomic_file(tmp_path / "out.bin") as part:
-        part.write_bytes(b"half")
-        raise OSError(28, "No space left on device")
+    def fill() -> None:
+        with atomic_file(tmp_path / "out.bin") as part:
+            part.write_bytes(b"half")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match=r"out\.bin") as raised:
+        fill()
     assert raised.value.filename == str(tmp_path / "out.bin")
     assert list(tmp_path.iterdir()) == []

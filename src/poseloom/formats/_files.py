@@ -88,7 +88,7 @@ def read_bytes(path: str | Path, kind: type[PoseloomError] = FormatError, larges
             raise _unreadable(error, path, kind) from None
     if max(size, len(content)) > largest:
         raise kind(
-            f"the file has {max(size, len(content)) / 1e6:,.0f} MB, more than the {largest / 1e6:,.0f} MB that are read",
+            f"the file has {max(size, len(content)) / 1e6:,.0f} MB, more than the {largest / 1e6:,.0f} MB it may have",
             cause="it is no file of this kind, or holds many takes",
             remedy="Split it",
             file=path,
