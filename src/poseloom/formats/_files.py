@@ -8,6 +8,7 @@ import csv
 import json
 import lzma
 import os
+import re
 import stat
 import struct
 import tokenize
@@ -23,6 +24,12 @@ from poseloom.formats.atomic import atomic_file
 
 LARGEST = 1 << 30
 """Bytes that a file read whole may have. Ten hours of full-body motion at 60 Hz are less."""
+
+_MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
+"""Byte order marks and what they stand for."""
+_LOOKED_AT = 4096
+_LINE_END = re.compile(r"\r*\n|\r")
+
 
 DAMAGE = (
     ArithmeticError,
@@ -133,9 +140,19 @@ def read_json(path: str | Path, what: str, kind: type[PoseloomError] = FormatErr
 
 
 def decode(content: bytes) -> str:
-    """Text of a file of unknown age: UTF-8 with or without its mark, else Latin-1, in which any byte is a letter."""
+    """Text of a file of unknown origin.
+
+    A byte order mark decides; UTF-16 without one is recognised by its zero bytes (a Windows shell writes it). Then
+    UTF-8, else Latin-1, in which any byte is a letter. Never raises.
+    """
+    for mark, encoding in _MARKS:
+        if content.startswith(mark):
+            return content[len(mark) :].decode(encoding, errors="replace")
+    wide = _wide_encoding(content[:_LOOKED_AT])
+    if wide:
+        return content.decode(wide, errors="replace")
     try:
-        return content.decode("utf-8-sig")
+        return content.decode("utf-8")
     except UnicodeDecodeError:
         return content.decode("latin-1")
 
@@ -167,6 +184,24 @@ def reading(path: str | Path, what: str = "", kind: type[PoseloomError] = Format
             remedy="Get or export the file again, or name another",
             file=path,
         ) from error
+
+
+def split_lines(text: str) -> list[str]:
+    """Lines of a text, parted by Windows, Unix or old Macintosh line ends, and by nothing else; empty ones stay.
+
+    `str.splitlines` would also part at form feeds and at letters that Latin-1 has at the places of line ends.
+    """
+    lines = _LINE_END.split(text)
+    return lines[:-1] if lines[-1] == "" else lines
+
+
+def _wide_encoding(head: bytes) -> str:
+    """UTF-16 of either byte order where every other byte is zero, as in digits and plain letters; else nothing."""
+    pairs = len(head) // 2
+    even, odd = head[0 : 2 * pairs : 2].count(0), head[1 : 2 * pairs : 2].count(0)
+    if pairs >= 2 and odd > 0.7 * pairs and even <= 0.05 * pairs:
+        return "utf-16-le"
+    return "utf-16-be" if pairs >= 2 and even > 0.7 * pairs and odd <= 0.05 * pairs else ""
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
