@@ -86,7 +86,7 @@ def test_a_pickle_inside_is_never_loaded(tmp_path: Path):
     np.save(tmp_path / "evil.npy", np.array([{}], dtype=object), allow_pickle=True)
     with zipfile.ZipFile(tmp_path / "m.npz", "a") as archive:
         archive.write(tmp_path / "evil.npy", "evil.npy")
-    with pytest.raises(FormatError, match="allow_pickle"):
+    with pytest.raises(FormatError, match="type object"):
         read_artefact(tmp_path / "m.npz", "model")
 
 

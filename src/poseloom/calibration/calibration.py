@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from poseloom.arrays import Array, Floats, frozen_float
-from poseloom.errors import FormatError, PoseloomError, SensorError
+from poseloom.arrays import Array, Floats
+from poseloom.errors import FormatError, SensorError
+from poseloom.formats._files import reading
 from poseloom.formats.artefact import read_artefact, write_artefact
+from poseloom.formats.artefact_arrays import ArtefactArrays
 from poseloom.formats.recording_header import placements_from_json, placements_to_json
 from poseloom.formats.skeleton_json import skeleton_from_json, skeleton_to_json
 from poseloom.sensors import Placement, Recording
@@ -115,20 +117,32 @@ def read_calibration(path: str | Path) -> Calibration:
     """
     artefact = read_artefact(path, KIND, VERSION)
     header: Mapping[str, Any] = artefact.header
-    try:
+    with reading(path, "a calibration"):
+        skeleton, sensors = skeleton_from_json(header["skeleton"]), tuple(str(name) for name in header["sensors"])
+        placements, poses = placements_from_json(header["placements"]), tuple(str(name) for name in header["poses"])
+        for placement in placements:
+            skeleton.index(placement.bone)
+        if len(placements) != len(sensors) or len(set(sensors)) != len(sensors):
+            raise FormatError(f"it places {len(placements)} sensors of {len(set(sensors))}")
         verdicts = tuple(
-            Verdict(Level(v["level"]), v["topic"], v["fact"], v["cause"], v["remedy"]) for v in header["verdicts"]
+            Verdict(Level(v["level"]), *(str(v[part]) for part in ("topic", "fact", "cause", "remedy")))
+            for v in header["verdicts"]
         )
+        arrays = ArtefactArrays(artefact.arrays, sensors=len(sensors), joints=len(skeleton), holds=len(poses))
         return Calibration(
-            skeleton=skeleton_from_json(header["skeleton"]),
-            sensors=tuple(str(name) for name in header["sensors"]),
-            placements=placements_from_json(header["placements"]),
-            poses=tuple(str(name) for name in header["poses"]),
+            skeleton=skeleton,
+            sensors=sensors,
+            placements=placements,
+            coefficients=arrays.floats("coefficients", "components"),
+            lengths=arrays.floats("lengths", "joints", low=0.0, high=100.0),
+            length_sigmas=arrays.floats("length_sigmas", "joints", low=0.0),
+            offset_sigmas=arrays.floats("offset_sigmas", "sensors 3", low=0.0),
+            turn_sigmas=arrays.floats("turn_sigmas", "sensors 3", low=0.0),
+            poses=poses,
+            residuals=arrays.floats("residuals", "holds sensors 2", missing=True),
+            deviations=arrays.floats("deviations", "holds", low=0.0),
             verdicts=verdicts,
-            **{name: frozen_float(artefact.arrays[name]) for name in _ARRAYS},
         )
-    except (KeyError, TypeError, ValueError, PoseloomError) as error:
-        raise FormatError("this calibration is damaged", cause=str(error), remedy="Calibrate anew", file=path) from None
 
 
 def apply_calibration(recording: Recording, calibration: Calibration) -> Recording:

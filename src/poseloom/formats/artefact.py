@@ -6,6 +6,8 @@ content gives the same bytes.
 
 import io
 import json
+import math
+import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,21 +21,17 @@ from numpy.typing import NDArray
 
 from poseloom.arrays import frozen
 from poseloom.errors import FormatError
+from poseloom.formats._files import DAMAGE, open_regular, reading
 from poseloom.formats.atomic import atomic_file
 
 _MAGIC = "poseloom artefact"
 _HEADER = "header.json"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-_DAMAGE = (
-    zipfile.BadZipFile,
-    EOFError,
-    ValueError,
-    KeyError,
-    TypeError,
-    NotImplementedError,
-    RuntimeError,
-    OverflowError,
-)
+_UNPACKED = 1 << 28
+"""Bytes beyond the file's own size to which its members may unpack."""
+_MEMBERS = 10_000
+_LONGEST_EMPTY = 100_000
+"""Longest axis of an array that holds nothing: whoever loops over it must come to an end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,40 +119,61 @@ def _header_text(
 def read_artefact(path: str | Path, kind: str, version: int | None = None) -> Artefact:
     """Reads a fitted thing of the asked kind, and of the asked version if one is given.
 
+    Nothing in the file is trusted: members that unpack to far more than the file holds are refused before they are
+    unpacked, and shapes that do not fit their bytes before an array is made. What the numbers mean the caller checks
+    (`artefact_arrays`).
+
     Raises:
         FormatError: if there is no such file, or it is no artefact, damaged, of another kind or of another version.
     """
     file = Path(path)
-    try:
-        with zipfile.ZipFile(file) as archive:
-            content = _read_header(archive, file)
-            arrays = {
-                name.removesuffix(".npy"): frozen(_read_array(archive, name))
-                for name in archive.namelist()
-                if name.endswith(".npy")
-            }
-        artefact = Artefact(
-            kind=str(content["kind"]),
-            version=int(content["version"]),
-            poseloom_version=str(content["poseloom_version"]),
-            seed=None if content["seed"] is None else int(content["seed"]),
-            data_digest=str(content["data_digest"]),
-            header=MappingProxyType(dict(content["header"])),
-            arrays=MappingProxyType(arrays),
-        )
-    except FileNotFoundError:
-        raise FormatError("there is no such file", remedy="Check the path", file=file) from None
-    except IsADirectoryError:
-        raise FormatError(f"this is a folder, not the file of a {kind}", remedy="Name the file", file=file) from None
-    except _DAMAGE as error:
-        raise FormatError(
-            f"this file cannot be read as a {kind}",
-            cause=f"it is damaged, cut off or no artefact of poseloom's ({error})",
-            remedy="Make it anew, or name the right file",
-            file=file,
-        ) from None
+    with open_regular(file) as stream:
+        try:
+            with reading(file), zipfile.ZipFile(stream) as archive:
+                _check_sizes(archive, os.fstat(stream.fileno()).st_size, file)
+                content = _read_header(archive, file)
+                arrays = {
+                    name.removesuffix(".npy"): frozen(_read_array(archive, name))
+                    for name in archive.namelist()
+                    if name.endswith(".npy")
+                }
+                artefact = _artefact(content, arrays)
+        except FormatError as error:
+            if not isinstance(error.__cause__, DAMAGE):
+                raise
+            raise FormatError(
+                f"this file cannot be read as a {kind}",
+                cause=f"it is damaged, cut off or no artefact of poseloom's ({str(error.__cause__)[:160]})",
+                remedy="Make it anew, or name the right file",
+                file=file,
+            ) from None
     _check_kind(artefact, kind, version, file)
     return artefact
+
+
+def _artefact(content: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Artefact:
+    words = {name: content[name] for name in ("kind", "poseloom_version", "data_digest")}
+    numbers = {name: content[name] for name in ("version", "seed")}
+    if not all(isinstance(word, str) for word in words.values()):
+        raise ValueError("its header's words are none")
+    if type(numbers["version"]) is not int or not isinstance(numbers["seed"], int | None):
+        raise ValueError("its header's numbers are none")
+    if not isinstance(content["header"], dict):
+        raise ValueError("its settings are no list of names and values")
+    header = cast(dict[str, Any], content["header"])
+    return Artefact(**words, **numbers, header=MappingProxyType(header), arrays=MappingProxyType(arrays))
+
+
+def _check_sizes(archive: zipfile.ZipFile, size: int, file: Path) -> None:
+    """Members must unpack to no more than the file's own size and a fixed amount; ours are not packed at all."""
+    members = archive.infolist()
+    if sum(member.file_size for member in members) > size + _UNPACKED or len(members) > _MEMBERS:
+        raise FormatError(
+            f"its {len(members)} parts would unpack to {sum(member.file_size for member in members) / 1e6:,.0f} MB",
+            cause="it was made to fill the memory of whoever reads it, or is no artefact of poseloom's",
+            remedy="Do not use it",
+            file=file,
+        )
 
 
 def _read_header(archive: zipfile.ZipFile, file: Path) -> dict[str, Any]:
@@ -172,8 +191,28 @@ def _read_header(archive: zipfile.ZipFile, file: Path) -> dict[str, Any]:
 
 
 def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    # The member is read whole first: that checks its sum before a damaged shape can ask for any amount of memory.
-    return np.lib.format.read_array(io.BytesIO(archive.read(name)), allow_pickle=False)
+    # The member is read whole first, which checks its sum; the array is made in it, and so can be no larger.
+    content = archive.read(name)
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    if version == (1, 0):
+        shape, by_column, dtype = np.lib.format.read_array_header_1_0(stream)
+    elif version == (2, 0):
+        shape, by_column, dtype = np.lib.format.read_array_header_2_0(stream)
+    else:
+        raise ValueError(f"array {name!r} has version {version}")
+    room = len(content) - stream.tell()
+    if dtype.kind not in "biufU" or dtype.itemsize == 0:
+        raise ValueError(f"array {name!r} of type {dtype} holds no numbers, truth values or text")
+    if (
+        any(length < 0 for length in shape)
+        or math.prod(shape) * dtype.itemsize != room
+        or max(shape, default=0) > max(room, _LONGEST_EMPTY)
+    ):
+        raise ValueError(f"array {name!r} of shape {shape} does not fit its {room} bytes")
+    flat = np.frombuffer(content, dtype, offset=stream.tell())
+    array = flat.reshape(shape, order="F" if by_column else "C")
+    return np.asarray(array, order="C")
 
 
 def _check_kind(artefact: Artefact, kind: str, version: int | None, file: Path) -> None:

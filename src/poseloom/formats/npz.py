@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from poseloom.errors import FormatError, PoseloomError
-from poseloom.formats._files import read_bytes
+from poseloom.errors import FormatError
+from poseloom.formats._files import reading
 from poseloom.formats.artefact import read_artefact, write_artefact
+from poseloom.formats.artefact_arrays import ArtefactArrays, rate
 from poseloom.formats.skeleton_json import skeleton_from_json, skeleton_to_json
 from poseloom.skeleton.motion import Motion, make_motion
 
@@ -42,17 +43,12 @@ def read_npz(path: Path) -> Motion:
     Raises:
         FormatError: for a file that is damaged, of another kind or of another version.
     """
-    read_bytes(path)
     artefact = read_artefact(path, KIND, VERSION)
-    try:
-        skeleton = skeleton_from_json(dict(artefact.header["skeleton"]))
-        displacements = artefact.arrays.get("displacements")
-        return make_motion(
-            skeleton, artefact.arrays["q"], float(artefact.header["rate"]), str(artefact.header["name"]), displacements
-        )
-    except PoseloomError as error:
-        raise error.at(path) from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(
-            "this motion file lacks something", cause=repr(error), remedy="Write it again", file=path
-        ) from None
+    with reading(path, "a motion"):
+        skeleton = skeleton_from_json(artefact.header["skeleton"])
+        arrays = ArtefactArrays(artefact.arrays, dofs=skeleton.size, joints=len(skeleton))
+        displacements = None
+        q = arrays.floats("q", "frames dofs")
+        if "displacements" in artefact.arrays:
+            displacements = arrays.floats("displacements", "frames joints 3")
+        return make_motion(skeleton, q, rate(artefact.header["rate"]), str(artefact.header["name"]), displacements)

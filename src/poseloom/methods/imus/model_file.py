@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseloom.errors import FormatError, PoseloomError
+from poseloom.errors import FormatError
+from poseloom.formats._files import reading
 from poseloom.formats.artefact import Artefact, read_artefact, write_artefact
+from poseloom.formats.artefact_arrays import ArtefactArrays, checked_number, plain_settings, rate
 from poseloom.methods.imus.features import SignalFeatures
-from poseloom.methods.imus.model import Emission, HmmModel
+from poseloom.methods.imus.model import WAY_ENTRIES, Emission, HmmModel
+from poseloom.methods.imus.pairs import CHANNELS
 from poseloom.methods.imus.phase_hmm import PhaseHmm
-from poseloom.methods.imus.phases import PhaseSettings
 from poseloom.methods.imus.settings import PhaseHmmSettings
 from poseloom.sensors import SensorKind, SensorLayout, SensorSpec, make_layout
+from poseloom.skeleton.body import BODY_BONES, average_body
 
 KIND = "phase-hmm"
 VERSION = 2
@@ -52,65 +55,111 @@ def write_phase_hmm(method: PhaseHmm, path: str | Path) -> None:
 
 
 def read_phase_hmm(path: str | Path) -> PhaseHmm:
-    """Reads what `write_phase_hmm` wrote.
+    """Reads what `write_phase_hmm` wrote. Every number is checked: the kernels that run the model check none.
 
     Raises:
         FormatError: if there is no such file, it is damaged, of another kind or version, or lacks something.
     """
     artefact = read_artefact(path, KIND, VERSION)
-    try:
-        return PhaseHmm(
-            _layout(artefact.header["layout"]),
-            _model(artefact),
-            _settings(artefact.header["settings"]),
-            artefact.seed or 0,
-            artefact.data_digest,
-        )
-    except PoseloomError as error:
-        raise error.at(path) from None
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise FormatError(
-            "this model lacks something", cause=repr(error), remedy="Fit it again with this poseloom", file=path
-        ) from None
+    with reading(path, "a phase HMM"):
+        layout = _layout(artefact.header["layout"])
+        settings = plain_settings(PhaseHmmSettings(), artefact.header["settings"], _RANGES)
+        return PhaseHmm(layout, _model(artefact, len(layout)), settings, artefact.seed or 0, artefact.data_digest)
+
+
+_RANGES = {
+    "neighbours": (1.0, 1e4),
+    "echoes": (0.0, 1e4),
+    "restart_states": (1.0, 1e9),
+    "beam": (0.1, 1e4),
+    "evenness": (1.0, 1e4),
+    "restart": (0.0, 1.0),
+    "continuity": (0.0, 1.0),
+    "steps": (0.0, 1.0),
+    "echo_share": (0.0, 1.0),
+    "echo_seconds": (1e-3, 1e4),
+    "weight_smoothing": (0.0, 1.0),
+    "blend": (0.0, 1.0),
+    "start_blend": (0.0, 1.0),
+    "rejoin_seconds": (0.0, 1e4),
+    "body_scale": (1e-6, 1e3),
+    "mounting": (0.0, 3.2),
+    "mounting_gain": (0.0, 1.0),
+    "turn_seconds": (1e-3, 1e4),
+    "contact_lock": (0.0, 1.0),
+    "way_seconds": (0.0, 1e4),
+    "way_memory": (1e-3, 1e4),
+    "lost_after": (0.0, 1e4),
+}
+"""Settings that are not from 0 to a million."""
 
 
 def _layout(content: Mapping[str, Any]) -> SensorLayout:
     sensors = [SensorSpec(str(name), SensorKind.IMU, str(bone)) for name, bone in content["sensors"]]
-    return make_layout(str(content["name"]), sensors, float(content["rate"]))
+    for sensor in sensors:
+        average_body().index(sensor.bone)
+    return make_layout(str(content["name"]), sensors, rate(content["rate"]))
 
 
-def _settings(content: Mapping[str, Any]) -> PhaseHmmSettings:
-    values = dict(content)
-    values["phases"] = PhaseSettings(**values["phases"])
-    values["short_windows"] = tuple((int(length), int(columns)) for length, columns in values["short_windows"])
-    values["steps"] = tuple(float(step) for step in values["steps"])
-    return PhaseHmmSettings(**values)
-
-
-def _emission(artefact: Artefact, index: int) -> Emission:
-    windows = {field.name: artefact.arrays[f"{index}_{field.name}"] for field in fields(SignalFeatures)}
+def _emission(arrays: ArtefactArrays, index: int) -> Emission:
+    # Every emission has its own window and columns.
+    window, columns = f"samples_channels_{index}", f"columns_{index}"
+    scale = arrays.floats(f"{index}_scale", "channels", low=1e-9)
+    mean = arrays.floats(f"{index}_mean", window)
+    basis = arrays.floats(f"{index}_basis", f"{window} {columns}")
+    if len(mean) % len(scale):
+        raise FormatError(f"windows of {len(mean)} values have no whole number of {len(scale)} channels")
     return Emission(
-        SignalFeatures(**windows), artefact.arrays[f"{index}_features"], artefact.arrays[f"{index}_precision"]
+        SignalFeatures(scale, mean, basis),
+        arrays.floats(f"{index}_features", f"states {columns}", np.float32),
+        arrays.floats(f"{index}_precision", f"phases {columns}", low=1e-12),
     )
 
 
-def _model(artefact: Artefact) -> HmmModel:
-    arrays = {field.name: artefact.arrays[field.name] for field in fields(HmmModel) if field.name not in _NOT_ARRAYS}
-    emissions = tuple(_emission(artefact, index) for index in range(int(artefact.header["emissions"])))
+def _model(artefact: Artefact, sensors: int) -> HmmModel:
     names = tuple(str(name) for name in artefact.header["phases"])
-    model = HmmModel(emissions=emissions, phase_names=names, **arrays)
-    states, segments = len(model), len(model.first)
+    arrays = ArtefactArrays(artefact.arrays, phases=len(names), sensors=sensors, channels=CHANNELS * sensors)
+    count = checked_number("the number of emissions", artefact.header["emissions"], 1.0, 100.0)
+    signals = arrays.floats("signals", "states channels", np.float32, -1e6, 1e6)
+    emissions = tuple(_emission(arrays, index) for index in range(int(count)))
+    states, joints = arrays.sizes["states"], len(BODY_BONES)
+    arrays.sizes |= {"last_columns": emissions[-1].features.shape[1], "entries": 3 * joints + WAY_ENTRIES}
+    gains = arrays.floats("gains", "maps entries last_columns", np.float32, -1e6, 1e6)
+    first, stop = (arrays.indices(name, "segments", states + 1) for name in ("first", "stop"))
+    segments = len(first)
+    phase_of_segment = arrays.indices("phase_of_segment", "segments", len(names))
+    bodies = arrays.floats("bodies", f"bodies {joints - 1}", low=0.0, high=100.0)
+    model = HmmModel(
+        emissions=emissions,
+        signals=signals,
+        quats_wxyz=arrays.floats("quats_wxyz", f"states {joints} 4", np.float32, -1.001, 1.001),
+        others=arrays.floats("others", f"states {WAY_ENTRIES + 4}", np.float32, -100.0, 100.0),
+        ups=arrays.floats("ups", "states sensors 3", np.float32, -2.0, 2.0),
+        maps=arrays.indices("maps", "states", len(gains)),
+        gains=gains,
+        variances=arrays.floats("variances", "maps entries", np.float32, 0.0, 1e6),
+        first=first,
+        stop=stop,
+        phase_of_segment=phase_of_segment,
+        successor=arrays.indices("successor", "segments", segments, low=-1),
+        body_of_segment=arrays.indices("body_of_segment", "segments", len(bodies)),
+        phase_of_state=arrays.indices("phase_of_state", "states", len(names)),
+        phase_names=names,
+        phase_sizes=arrays.indices("phase_sizes", "phases", segments + 1, low=1),
+        entry=arrays.floats("entry", "phases phases", low=0.0, high=1.0 + 1e-6),
+        bodies=bodies,
+    )
+    lengths = stop - first
     fitting = (
-        all(len(a) == states for a in (model.quats_wxyz, model.others, model.ups, model.maps))
-        and all(len(a) == segments for a in (model.stop, model.phase_of_segment, model.successor))
-        and len(model.phase_of_state) == states
-        and bool(emissions)
-        and all(len(e.features) == states and e.precision.shape == (len(names), e.features.shape[1]) for e in emissions)
-        and model.entry.shape == (len(names), len(names))
-        and bool(np.all(model.first < model.stop))
-        and int(model.stop[-1]) == states
-        and int(model.maps.max()) < len(model.gains)
+        first[0] == 0
+        and stop[-1] == states
+        and bool((first[1:] == stop[:-1]).all())
+        and bool((lengths > 0).all())
+        and np.array_equal(model.phase_of_state, np.repeat(phase_of_segment, lengths))
+        and np.array_equal(model.phase_sizes, np.bincount(phase_of_segment, minlength=len(names)))
+        and bool((np.abs(np.linalg.norm(model.quats_wxyz, axis=-1) - 1.0) < 1e-3).all())
+        and all(each.signal_features.window <= model.window for each in emissions)
     )
     if not fitting:
-        raise ValueError("its arrays do not fit each other")
+        raise FormatError("its segments, phases and states do not fit each other")
     return model

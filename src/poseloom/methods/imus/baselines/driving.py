@@ -8,19 +8,25 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats, Ints, frozen_float
+from poseloom.arrays import Array, Floats, Floats32, Ints, frozen_float
+from poseloom.errors import FormatError
+from poseloom.formats._files import reading
 from poseloom.formats.artefact import read_artefact, write_artefact
+from poseloom.formats.artefact_arrays import ArtefactArrays, rate
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
 from poseloom.methods.imus.baselines.examples import (
+    FEATURES,
+    STEP,
     Examples,
     joint_spreads,
     leg_length,
     posed_rotvecs,
     posture_of,
 )
-from poseloom.methods.imus.pairs import sample_signal
+from poseloom.methods.imus.pairs import CHANNELS, sample_signal
 from poseloom.rotations import nearest_branch
 from poseloom.sensors import Placement, Sample, SensorKind, SensorSpec, make_layout
+from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.motion import Pose
 from poseloom.skeleton.skeleton import Skeleton
 
@@ -201,7 +207,36 @@ def read_examples(path: str | Path, kind: str) -> tuple[Examples, Mapping[str, A
     """
     artefact = read_artefact(path, kind, FORMAT_VERSION)
     header = artefact.header
-    sensors = [SensorSpec(name, SensorKind.IMU, bone) for name, bone in header["sensors"]]
-    layout = make_layout(str(header["layout"]), sensors, float(header["rate"]))
-    examples = Examples(layout, **artefact.arrays, behaviours=tuple(header["behaviours"]), digest=artefact.data_digest)
-    return examples, header["settings"]
+    with reading(path, f"a {kind}"):
+        sensors = [SensorSpec(str(name), SensorKind.IMU, str(bone)) for name, bone in header["sensors"]]
+        layout = make_layout(str(header["layout"]), sensors, rate(header["rate"]))
+        arrays = ArtefactArrays(artefact.arrays, channels=CHANNELS * len(layout), features=FEATURES)
+        signals = arrays.floats("signals", "frames channels", np.float32, -1e4, 1e4)
+        starts = arrays.indices("starts", "clips", len(signals))
+        behaviours = tuple(str(word) for word in header["behaviours"])
+        if starts[0] != 0 or (np.diff(starts) <= 0).any() or len(behaviours) != len(starts):
+            raise FormatError("its clips do not follow each other")
+        examples = Examples(
+            layout,
+            signals,
+            _features(arrays),
+            arrays.floats("steps", f"frames {STEP}", np.float32, -100.0, 100.0),
+            arrays.booleans("standing", "frames 2"),
+            starts,
+            behaviours,
+            arrays.floats("builds", f"clips {len(BODY_BONES) - 1}", low=0.0, high=100.0),
+            arrays.floats("centre", "channels", low=-1e6, high=1e6),
+            arrays.floats("scale", "channels", low=1e-9, high=1e6),
+            artefact.data_digest,
+        )
+        return examples, dict(header["settings"])
+
+
+def _features(arrays: ArtefactArrays) -> Floats32[Array, "frames features"]:
+    """Heights, and columns of rotation matrices: of length one, and at right angles."""
+    features = arrays.floats("features", "frames features", np.float32, -100.0, 100.0)
+    columns = features[:, 1:].reshape(len(features), -1, 2, 3)
+    lengths = np.linalg.norm(columns, axis=-1)
+    if np.abs(lengths - 1).max() > 1e-3 or np.abs((columns[:, :, 0] * columns[:, :, 1]).sum(axis=-1)).max() > 1e-3:
+        raise FormatError("its poses hold something else than rotations")
+    return features

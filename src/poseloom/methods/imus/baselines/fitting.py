@@ -8,6 +8,8 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from poseloom.errors import MethodError, unknown_name
+from poseloom.formats._files import reading
+from poseloom.formats.artefact_arrays import plain_settings
 from poseloom.methods.imus.baselines.driving import SignalComparator, WindowSettings, read_examples
 from poseloom.methods.imus.baselines.energy import EnergySettings, SparseAccelerometers
 from poseloom.methods.imus.baselines.examples import Examples, examples_of
@@ -77,7 +79,19 @@ def load_comparator(name: str, path: str | Path) -> SignalComparator[Any]:
     """
     comparator = _named(name)
     examples, settings = read_examples(path, name)
-    return comparator.kind(examples, _changed(comparator.settings, settings))
+    with reading(path, f"a {name}"):
+        return comparator.kind(examples, plain_settings(comparator.settings, settings, _RANGES))
+
+
+_COUNTS = ("neighbours", "components", "branches", "beam", "averaged", "latent", "phases", "examples", "mixture")
+_RANGES = {
+    "samples": (1.0, 1e3),
+    "canonical": (2.0, 1e3),
+    "coefficients": (1.0, 1e3),
+    **dict.fromkeys(_COUNTS, (1.0, 1e4)),
+    **dict.fromkeys(("floor", "dulling", "ridge", "width"), (1e-9, 1e6)),
+}
+"""Settings in a file that are not from 0 to a million."""
 
 
 def loader(name: str) -> Any:
