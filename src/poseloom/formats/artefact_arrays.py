@@ -83,6 +83,14 @@ class ArtefactArrays:
             raise FormatError(f"array {name!r} holds something else than true and false")
         return array
 
+    def numbers(self, name: str, axes: str, dtype: DTypeLike) -> NDArray[Any]:
+        """An array of any numbers of a type.
+
+        Raises:
+            FormatError: where it is missing or another.
+        """
+        return self._shaped(name, axes, np.dtype(dtype))
+
     def _shaped(self, name: str, axes: str, dtype: np.dtype[Any]) -> NDArray[Any]:
         array = self._arrays.get(name)
         if array is None:
@@ -160,10 +168,10 @@ def _plain(name: str, usual: Any, value: Any, ranges: Mapping[str, tuple[float, 
 
 
 def _tuple(name: str, usual: tuple[Any, ...], value: Any, ranges: Mapping[str, tuple[float, float]]) -> tuple[Any, ...]:
-    items = cast(list[Any], value) if isinstance(value, list | tuple) else None
+    items: list[Any] | None = list(cast("list[Any]", value)) if isinstance(value, list | tuple) else None
     # Tuples of numbers have a fixed length; those of tuples are lists of any length, each like the first.
     nested = bool(usual) and isinstance(usual[0], tuple)
     if items is None or (not nested and len(items) != len(usual)) or len(items) > 100:
         raise FormatError(f"the setting {name!r} is {str(value)[:40]}, not {len(usual)} values")
-    models = [usual[0]] * len(items) if nested else usual
+    models: list[Any] = [usual[0]] * len(items) if nested else list(usual)
     return tuple(_plain(name, model, item, ranges) for model, item in zip(models, items, strict=True))

@@ -1,5 +1,6 @@
 """The file of a fitted flex network: an artefact that holds its ONNX graph and its card."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +10,18 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
+from poseloom.formats._files import reading
 from poseloom.formats.artefact import read_artefact, write_artefact
-from poseloom.methods.flex.step_network import MemoryPart, StepNetwork
+from poseloom.formats.artefact_arrays import ArtefactArrays, checked_number
+from poseloom.methods.flex.angles import angle_columns
+from poseloom.methods.flex.step_network import INPUTS, MemoryPart, StepNetwork
+from poseloom.skeleton.body import average_body
 
 KIND = "flex-network"
 VERSION = 1
+
+_LARGEST = 1e6
+"""Numbers that a network may remember."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,22 +76,46 @@ def read_flex_model(path: str | Path, method: str | None = None) -> FlexModel:
         FormatError: if it is none, damaged, of another version or for another method.
     """
     artefact = read_artefact(path, KIND, VERSION)
-    try:
+    with reading(path, "a flex network"):
         parts = [_part(each) for each in artefact.header["memory"]]
         card = {str(key): str(value) for key, value in cast("dict[str, Any]", artefact.header["card"]).items()}
         own = str(artefact.header["method"])
-        graph = artefact.arrays["graph"].tobytes()
-        rest, spread = (artefact.arrays[name].astype(np.float64) for name in ("rest", "rest_spread"))
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(
-            "this flex network's file is incomplete", cause=repr(error), remedy="Fit the model again", file=Path(path)
-        ) from None
-    if method is not None and own != method:
-        raise FormatError(
-            f"this model is for the method {own!r}, not {method!r}", remedy=f"Give --method {own}", file=Path(path)
-        )
-    return FlexModel(own, StepNetwork(graph, parts), rest, spread, card)
+        if method is not None and own != method:
+            raise FormatError(f"this model is for the method {own!r}, not {method!r}", remedy=f"Give --method {own}")
+        arrays = ArtefactArrays(artefact.arrays, dofs=average_body().size)
+        graph = arrays.numbers("graph", "bytes", np.uint8).tobytes()
+        rest = arrays.floats("rest", "dofs", low=-100.0, high=100.0)
+        spread = arrays.floats("rest_spread", "dofs", low=0.0, high=1e4)
+        network = StepNetwork(graph, parts)
+        _check(network, len(angle_columns()))
+        return FlexModel(own, network, rest, spread, card)
 
 
 def _part(entry: Any) -> MemoryPart:
-    return MemoryPart(str(entry["name"]), tuple(int(size) for size in entry["shape"]))
+    shape = tuple(int(checked_number("a length of the memory", size, 1.0, _LARGEST)) for size in entry["shape"])
+    if math.prod(shape) > _LARGEST:
+        raise FormatError(f"a memory of shape {shape} is no network's of poseloom's")
+    return MemoryPart(str(entry["name"]), shape)
+
+
+def _check(network: StepNetwork, angles: int) -> None:
+    """Runs a network a few times on made-up samples: what it makes must have the right sizes, and be numbers."""
+    memory = network.start()
+    for turn, value in enumerate((0.0, 1.0, 0.5)):
+        half = np.full(INPUTS // 2, value)
+        try:
+            memory, told, spread = network.step(memory, half, np.ones(INPUTS // 2), turn == 0)
+        except Exception as error:  # onnxruntime's own errors share no base class but Exception
+            raise _unfit(str(error).partition("\n")[0]) from None
+        if tuple(part.shape for part in memory) != tuple(part.shape for part in network.parts):
+            raise _unfit("what it remembers changes its shape")
+        if told.shape != (angles,) or spread.shape != (angles,):
+            raise _unfit(f"it makes {told.shape} angles, not {angles}")
+        if not (np.isfinite(told).all() and np.isfinite(spread).all() and spread.min() >= 0):
+            raise _unfit("the angles that it makes are no numbers")
+
+
+def _unfit(cause: str) -> FormatError:
+    return FormatError(
+        "this model's network does not run", cause=cause, remedy="Fit the model again with this poseloom"
+    )
