@@ -7,8 +7,7 @@ zstd and carry check sums. A file without an end, from a writer that was killed 
 last whole chunk.
 """
 
-import struct
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,12 +15,13 @@ from typing import Any
 import numpy as np
 import zstandard
 from mcap.exceptions import McapError
-from mcap.records import Channel, Header, Message
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Header, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from poseloom.errors import FormatError, PoseloomError, SensorError
+from poseloom.formats._files import DAMAGE, open_regular
 from poseloom.formats.atomic import atomic_file
 from poseloom.formats.recording_header import FORMAT, RecordingHeader, header_from_json
 from poseloom.formats.recording_writer import HEADER_TOPIC, SAMPLE_TOPIC, TRUTH_TOPIC, RecordingWriter
@@ -29,8 +29,17 @@ from poseloom.sensors.recording import Recording, make_recording
 from poseloom.sensors.summary import summarise
 from poseloom.skeleton.motion import Motion, make_motion
 
-_DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, RuntimeError, OverflowError, MemoryError)
+_DAMAGE = (McapError, zstandard.ZstdError, *DAMAGE)
 """What the MCAP reader raises on bytes that are not what they should be (its check-sum error is a ValueError)."""
+
+_CHUNK = 1 << 25
+"""Bytes to which a chunk may unpack; ours have a megabyte."""
+_UNPACKED, _RATIO = 400 << 20, 32
+"""Bytes to which all chunks together may unpack, or how many times the file's own size if that is more."""
+_OVERHEAD = 200
+"""What a message costs beside its bytes."""
+_LONGEST = 1e9
+"""Seconds, about 30 years: times beyond it are none, and a recording that spans more is damaged."""
 
 CUT_OFF = "cut off"
 """Key in the settings of a recording whose file has no end."""
@@ -113,11 +122,7 @@ def read_topics(path: str | Path, topics: Collection[str]) -> tuple[Recording, d
 
 
 def _read_take(file: Path, others: Collection[str] = ()) -> _Take:
-    try:
-        stream = file.open("rb")
-    except FileNotFoundError:
-        raise FormatError("there is no such file", remedy="Check the path", file=file) from None
-    with stream:
+    with open_regular(file) as stream:
         begin = stream.read(len(MCAP0_MAGIC))
         if begin != MCAP0_MAGIC:
             raise FormatError(
@@ -132,8 +137,8 @@ def _read_take(file: Path, others: Collection[str] = ()) -> _Take:
         stream.seek(0)
         try:
             # No record is longer than the file: a damaged length must not ask for gigabytes.
-            reader = StreamReader(stream, validate_crcs=True, record_size_limit=size)
-            _read_records(reader, take, file, others)
+            reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+            _read_records(_unpacked(reader, size), take, file, others)
         except _DAMAGE as error:
             if take.whole:
                 raise FormatError(
@@ -145,14 +150,36 @@ def _read_take(file: Path, others: Collection[str] = ()) -> _Take:
     return take
 
 
-def _read_records(reader: StreamReader, take: _Take, file: Path, others: Collection[str]) -> None:
-    topics: dict[int, str] = {}
+def _unpacked(reader: StreamReader, size: int) -> Iterator[McapRecord]:
+    """The records of a file, chunks unpacked; a chunk that would unpack to more than is sound is damage."""
+    room = max(_UNPACKED, _RATIO * size)
     for record in reader.records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        # Both sizes may lie: zstd goes by that of its own frame, and by the chunk's where the frame has none.
+        stated = [record.uncompressed_size, len(record.data)]
+        if record.compression == "zstd":
+            own = zstandard.get_frame_parameters(record.data).content_size
+            stated += [] if own == zstandard.CONTENTSIZE_UNKNOWN else [own]
+        elif record.compression:
+            raise ValueError(f"a chunk is packed by {record.compression[:20]!r}")
+        room -= max(stated)
+        if max(stated) > _CHUNK or room < 0:
+            raise ValueError(f"a chunk would unpack to {max(stated) / 1e6:,.0f} MB")
+        records = breakup_chunk(record, validate_crc=True)
+        room -= _OVERHEAD * len(records)
+        yield from records
+
+
+def _read_records(records: Iterable[McapRecord], take: _Take, file: Path, others: Collection[str]) -> None:
+    topics: dict[int, str] = {}
+    for record in records:
         if isinstance(record, Header):
             if record.profile != FORMAT:
                 raise FormatError(
                     "this MCAP file is not a recording of poseloom's",
-                    cause=f"its profile is {record.profile!r}, not {FORMAT!r}",
+                    cause=f"its profile is {record.profile[:40]!r}, not {FORMAT!r}",
                     remedy="Name a file made by `poseloom simulate` or by a recorder",
                     file=file,
                 )
@@ -165,6 +192,8 @@ def _read_records(reader: StreamReader, take: _Take, file: Path, others: Collect
             elif topic == TRUTH_TOPIC:
                 take.truth += record.data
             elif topic == HEADER_TOPIC:
+                if take.header is not None:
+                    raise ValueError("it has two headers")
                 take.header = header_from_json(record.data, file)
             elif topic is not None and topic in others:
                 take.others.setdefault(topic, []).append(record.data)
@@ -178,6 +207,8 @@ def _recording(take: _Take, header: RecordingHeader) -> Recording:
             cause="" if take.whole else "it was cut off before the first was whole",
             remedy="Record it anew",
         )
+    if not (np.abs(rows["time"]) <= _LONGEST).all() or not (np.abs(rows["arrival"]) <= _LONGEST).all():
+        raise FormatError(f"a sample's time is no number, or beyond {_LONGEST:g} s", remedy="Record it anew")
     settings = dict(header.settings)
     if not take.whole:
         settings[CUT_OFF] = f"after {len(rows)} whole samples"
@@ -209,7 +240,7 @@ def _truth(take: _Take, header: RecordingHeader, samples: int) -> Motion | None:
     skeleton = header.truth_skeleton
     if skeleton is None:
         return None
-    poses = np.frombuffer(take.truth, dtype=np.dtype(("<f8", (skeleton.size,))))
+    poses = _rows(take.truth, np.dtype(("<f8", (skeleton.size,))))
     # Each pose is written just before its sample, so only a cut leaves one pose too many.
     if len(poses) != samples and (take.whole or len(poses) != samples + 1):
         raise FormatError(f"the truth has {len(poses)} poses for {samples} samples", remedy="Get the file again")

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from poseloom.errors import FormatError, PoseloomError
+from poseloom.errors import FormatError, PoseloomError, SensorError
+from poseloom.formats._files import DAMAGE
+from poseloom.formats.artefact_arrays import rate
 from poseloom.formats.skeleton_json import skeleton_from_json, skeleton_to_json
 from poseloom.sensors.layout import SensorKind, SensorLayout, SensorSpec, make_layout
 from poseloom.sensors.placement import Placement, make_placement
@@ -17,6 +19,9 @@ from poseloom.skeleton.skeleton import Skeleton
 
 FORMAT = "poseloom recording"
 VERSION = 1
+
+_FARTHEST = 100.0
+_MOST_SENSORS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +74,10 @@ def placements_from_json(content: list[dict[str, Any]]) -> tuple[Placement, ...]
         SensorError: for a place or rotation that is none.
         KeyError, TypeError, ValueError: where the content has another form.
     """
-    return tuple(make_placement(str(p["bone"]), p["p_bone_sensor"], p["R_bone_sensor"]) for p in content)
+    placements = tuple(make_placement(str(p["bone"]), p["p_bone_sensor"], p["R_bone_sensor"]) for p in content)
+    if any(np.abs(placement.p_bone_sensor).max() > _FARTHEST for placement in placements):
+        raise SensorError(f"a sensor sits more than {_FARTHEST:g} m from its bone", remedy="Mend its placement")
+    return placements
 
 
 def header_to_json(header: RecordingHeader) -> bytes:
@@ -106,10 +114,10 @@ def header_from_json(text: bytes, file: Path) -> RecordingHeader:
             return _header(content)
     except PoseloomError as error:
         raise error.at(file) from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except DAMAGE as error:
         raise FormatError(
             "the recording's header is damaged",
-            cause=repr(error),
+            cause=repr(error)[:160],
             remedy="Record it anew, or get the file again",
             file=file,
         ) from None
@@ -122,6 +130,8 @@ def header_from_json(text: bytes, file: Path) -> RecordingHeader:
 
 def _header(content: dict[str, Any]) -> RecordingHeader:
     layout: dict[str, Any] = content["layout"]
+    if not 0 < len(layout["sensors"]) <= _MOST_SENSORS:
+        raise ValueError(f"a layout of {len(layout['sensors'])} sensors")
     truth: dict[str, Any] | None = content["truth"]
     skeleton = skeleton_from_json(content["skeleton"])
     truth_skeleton = None
@@ -132,7 +142,7 @@ def _header(content: dict[str, Any]) -> RecordingHeader:
         layout=make_layout(
             str(layout["name"]),
             [SensorSpec(str(s["name"]), SensorKind(s["kind"]), str(s["bone"])) for s in layout["sensors"]],
-            float(layout["rate"]),
+            rate(layout["rate"]),
         ),
         placements=placements_from_json(content["placements"]),
         skeleton=skeleton,

@@ -10,13 +10,15 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Bools, Floats, Ints
-from poseloom.errors import FormatError
+from poseloom.errors import FormatError, PoseloomError
+from poseloom.formats._files import DAMAGE
+from poseloom.formats.artefact_arrays import plain_settings
 from poseloom.formats.recording import read_topics
 from poseloom.formats.recording_header import RecordingHeader
 from poseloom.formats.recording_writer import BINARY, RecordingWriter
@@ -25,6 +27,11 @@ from poseloom.sensors import Recording
 STARTS_TOPIC = "/starts"
 STEPS_TOPIC = "/steps"
 FINDINGS_TOPIC = "/findings"
+Entry = TypeVar("Entry")
+
+_LATEST = 1e9
+"""Seconds beyond which a time is none."""
+
 HEALTH_STATES = ("ok", "degraded", "coasting", "lost", "rejoining")
 """Names of a step's health by its number."""
 
@@ -178,20 +185,28 @@ def read_session(path: str | Path) -> SessionRecording:
         SensorError: as `read_recording`.
     """
     recording, found = read_topics(path, (STARTS_TOPIC, STEPS_TOPIC, FINDINGS_TOPIC))
+    count = len(recording)
     try:
         return SessionRecording(
             recording,
-            tuple(MethodStart(**json.loads(text)) for text in found[STARTS_TOPIC]),
-            _steps(found[STEPS_TOPIC], recording.skeleton.size, len(recording.layout), len(recording)),
-            tuple(RecordedFinding(**json.loads(text)) for text in found[FINDINGS_TOPIC]),
+            tuple(_plain(MethodStart(0, ""), text, count) for text in found[STARTS_TOPIC]),
+            _steps(found[STEPS_TOPIC], recording.skeleton.size, len(recording.layout), count),
+            tuple(_plain(RecordedFinding(0, 0.0, "", "", ""), text, count) for text in found[FINDINGS_TOPIC]),
         )
-    except (TypeError, ValueError) as error:
+    except (PoseloomError, *DAMAGE) as error:
         raise FormatError(
             "what the method made of this recording is damaged",
-            cause=str(error),
+            cause=str(error)[:160],
             remedy="`poseloom reconstruct` still reads its samples",
             file=path,
         ) from None
+
+
+def _plain(usual: Entry, text: bytes, samples: int) -> Entry:
+    """An entry from its JSON; it may name the sample after the last, which was never written."""
+    far = (-1e9, 1e9)
+    ranges = {"sample": (0.0, float(samples)), **dict.fromkeys(("heading", "x", "z", "time"), far)}
+    return plain_settings(usual, json.loads(text), ranges)
 
 
 def _step_type(dofs: int, sensors: int) -> np.dtype[np.void]:
@@ -213,6 +228,10 @@ def _steps(rows: Sequence[bytes], dofs: int, sensors: int, samples: int) -> Step
     table: NDArray[Any] = np.frombuffer(b"".join(rows), dtype=kind)
     # A file that was cut off may hold the step of a sample that it lost.
     table = table[table["sample"] < samples]
+    if len(table) and (int(table["sample"].min()) < 0 or int(table["state"].max()) >= len(HEALTH_STATES)):
+        raise ValueError("a step is of no sample, or of no known health")
+    if not (np.abs(table["finished"]) <= _LATEST).all() or (np.abs(table["time"]) > _LATEST).any():
+        raise ValueError("a step's time is none")
     return Steps(
         samples=table["sample"].astype(np.int64),
         finished=table["finished"].astype(np.float64),
@@ -220,5 +239,5 @@ def _steps(rows: Sequence[bytes], dofs: int, sensors: int, samples: int) -> Step
         q=table["q"].astype(np.float64),
         spread=table["spread"].astype(np.float64),
         states=table["state"].astype(np.int64),
-        troubled=table["troubled"].astype(np.bool_),
+        troubled=table["troubled"] != 0,
     )

@@ -2,6 +2,7 @@
 
 import enum
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -80,7 +81,7 @@ def make_layout(name: str, sensors: Iterable[SensorSpec], rate: float) -> Sensor
     names = [sensor.name for sensor in specs]
     if not specs:
         raise SensorError(f"layout {name!r} has no sensors", remedy="Give at least one sensor")
-    doubled = sorted({n for n in names if names.count(n) > 1})
+    doubled = sorted(name for name, count in Counter(names).items() if count > 1)
     if doubled or "" in names:
         wrong = f"doubled sensors {', '.join(doubled)}" if doubled else "sensors without a name"
         raise SensorError(f"layout {name!r} has {wrong}", remedy="Give each sensor a name of its own")

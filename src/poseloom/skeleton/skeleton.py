@@ -1,5 +1,6 @@
 """A hierarchy of bones in its rest pose."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -96,22 +97,23 @@ def make_skeleton(
         joint = names[int(np.flatnonzero(~np.isfinite(places).all(axis=1))[0])]
         raise SkeletonError(f"the offset of joint {joint!r} is not finite", remedy="Mend the skeleton's file")
     ends = np.full((count, 3), np.nan)
+    joints = {name: joint for joint, name in enumerate(names)}
     for name, tip in (tips or {}).items():
-        ends[_position(names, name)] = np.asarray(tip, dtype=np.float64)
+        ends[_position(joints, name)] = np.asarray(tip, dtype=np.float64)
     lock = np.zeros((count, 3), dtype=np.bool_)
     for name, axes in (locked or {}).items():
-        lock[_position(names, name)] = np.asarray(axes, dtype=np.bool_)
+        lock[_position(joints, name)] = np.asarray(axes, dtype=np.bool_)
     return Skeleton(tuple(names), frozen(index), frozen_float(places), frozen_float(ends), frozen(lock))
 
 
-def _position(names: Sequence[str], name: str) -> int:
-    if name not in names:
-        raise unknown_name("bone", name, names, SkeletonError)
-    return list(names).index(name)
+def _position(joints: Mapping[str, int], name: str) -> int:
+    if name not in joints:
+        raise unknown_name("bone", name, joints, SkeletonError)
+    return joints[name]
 
 
 def _check_hierarchy(names: Sequence[str], parents: Ints[Array, "joints"]) -> None:
-    doubled = sorted({name for name in names if list(names).count(name) > 1})
+    doubled = sorted(name for name, count in Counter(names).items() if count > 1)
     if doubled:
         raise SkeletonError(
             f"joint names appear more than once: {', '.join(doubled)}", remedy="Give each joint a name of its own"
