@@ -48,12 +48,12 @@ else
 	@$(PYTHON) -m venv .venv
 endif
 
-.venv/installed: pyproject.toml | .venv/bin/pip
+.venv/installed: pyproject.toml constraints.txt | .venv/bin/pip
 	@echo "Installing poseloom into .venv (about a minute, once)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[report]"
 	@touch $@
 
-.venv/installed-dev: pyproject.toml | .venv/bin/pip
+.venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/pip
 	@echo "Installing poseloom and its development tools into .venv"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,train]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
 	@touch $@ .venv/installed

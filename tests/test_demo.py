@@ -52,6 +52,20 @@ def test_the_built_in_motions(tmp_path: Path):
     assert (out / "library" / "library.json").stat().st_mtime_ns == before
 
 
+def test_without_the_extra_for_charts_all_else_is_made(motions: Path, capsys: pytest.CaptureFixture[str], monkeypatch):
+    monkeypatch.setattr("poseloom.report.charts.find_spec", lambda _name: None)
+    assert run(["demo", "--data", str(motions), "-o", str(motions / "demo")]) == 0
+    told = capsys.readouterr()
+    assert "poseloom[report]" in told.err
+    assert "walk.svg in a browser" in told.out
+    made = {path.name for path in (motions / "demo").iterdir()}
+    assert made == MADE - {"report.html"}
+    before = len(list(motions.iterdir()))
+    assert run(["evaluate", "sample:walk", "--report", str(motions / "report.html")]) == 2
+    assert "poseloom[report]" in capsys.readouterr().err
+    assert len(list(motions.iterdir())) == before
+
+
 def test_motions_of_ones_own(motions: Path):
     out = motions / "demo"  # within the data: what the demo makes must not become a source
     first = poseloom("demo", "--data", motions, "-o", out)

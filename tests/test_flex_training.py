@@ -31,7 +31,7 @@ from poseloom.training.draws import (  # noqa: E402
     silence,
 )
 from poseloom.training.examples import Stretches, Windows, heard_pieces  # noqa: E402
-from poseloom.training.export import ScalesStep, WindowStep, export, step_module, to_step_network  # noqa: E402
+from poseloom.training.export import export, to_step_network  # noqa: E402
 from poseloom.training.fitting import (  # noqa: E402
     FitSettings,
     Fitted,
@@ -462,8 +462,8 @@ def test_silences_take_single_channels_away(sessions: tuple[Session, ...]) -> No
 # Export.
 
 
-def _steps(module: "WindowStep | ScalesStep", heard: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    network = to_step_network(module)
+def _steps(fitted: Fitted, heard: np.ndarray, medians: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    network = to_step_network(fitted, medians)
     memory, told = network.start(), []
     for number, sample in enumerate(heard.astype(np.float64)):
         memory, angles, spread = network.step(memory, sample[:4], sample[4:], number == 0)
@@ -472,25 +472,25 @@ def _steps(module: "WindowStep | ScalesStep", heard: np.ndarray) -> tuple[np.nda
 
 
 def test_onnx_says_what_torch_says_of_windows(fitted: Fitted, inputs: tuple[np.ndarray, ...]) -> None:
-    told, spread = _steps(step_module(fitted), inputs[1][:130])
+    told, spread = _steps(fitted, inputs[1][:130])
     np.testing.assert_allclose(told, median(fitted.tell(inputs[1][:130])), atol=1e-5)
     np.testing.assert_allclose(spread, np.broadcast_to(fitted.spread, spread.shape), atol=1e-6)
-    plain, _ = _steps(step_module(fitted, medians=False), inputs[1][:20])
+    plain, _ = _steps(fitted, inputs[1][:20], medians=False)
     np.testing.assert_allclose(plain, fitted.tell(inputs[1][:20]), atol=1e-5)
 
 
-def test_onnx_says_what_torch_says_of_scales(scales: Fitted, inputs: tuple[np.ndarray, ...]) -> None:
-    told, spread = _steps(step_module(scales), inputs[1][:130])
+def test_numpy_gives_what_torch_gives_of_the_filter_bank_lstm(scales: Fitted, inputs: tuple[np.ndarray, ...]) -> None:
+    told, spread = _steps(scales, inputs[1][:130])
     np.testing.assert_allclose(told, smoothed(scales, scales.tell(inputs[1][:130])), atol=1e-5)
     assert (spread > 0).all()
 
 
-def test_every_contestant_exports(inputs: tuple[np.ndarray, ...]) -> None:
+def test_every_contestant_exports(fitted: Fitted, inputs: tuple[np.ndarray, ...]) -> None:
     for kind in (Kind.BILSTM, Kind.TRANSFORMER, Kind.FCN, Kind.TCN):
         settings = FitSettings(NetworkSettings(kind, 100, 8))
         network = make_network(settings.network, 0).eval()
-        step = WindowStep(network, 100, np.full(ANGLES, 0.1), medians=False).eval()
-        told, _ = _steps(step, inputs[0][:12])
+        contestant = replace(fitted, network=network, settings=settings)
+        told, _ = _steps(contestant, inputs[0][:12], medians=False)
         rows = np.maximum(np.arange(12)[:, None] + np.arange(-99, 1), 0)
         np.testing.assert_allclose(told, tell(network, inputs[0][:12][rows]), atol=1e-5)
 

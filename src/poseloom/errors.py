@@ -89,3 +89,17 @@ def unknown_name(
         f"unknown {what} {name!r}",
         remedy=f"{hint}Valid names: {', '.join(names)}",
     )
+
+
+def missing_extra(need: str, extra: str) -> PoseloomError:
+    """The error for a part that needs packages which only an extra of poseloom installs.
+
+    Args:
+        need: What needs which package, as a sentence without its full stop.
+        extra: Name of the extra.
+    """
+    return PoseloomError(
+        need,
+        cause=f"the packages of the extra `{extra}` are not installed",
+        remedy=f'Install them with `pip install "poseloom[{extra}]"`',
+    )

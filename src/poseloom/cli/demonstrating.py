@@ -53,6 +53,7 @@ def demo(
     from poseloom.formats.atomic import atomic_file
     from poseloom.library import SkipKind
     from poseloom.methods import DEFAULT_METHOD
+    from poseloom.report.charts import NO_CHARTS, has_charts
     from poseloom.report.evaluation import write_evaluation_report
     from poseloom.report.strip import sequence_strip
 
@@ -78,12 +79,15 @@ def demo(
         f"{clip.name}; each method heard those alone, one sample at a time, and found its first pose itself."
     )
     title = f"{stem}: full-body motion from six trackers"
-    write_evaluation_report(out / "report.html", evaluation, title, (story,))
+    if has_charts():
+        write_evaluation_report(out / "report.html", evaluation, title, (story,))
     with atomic_file(out / f"{stem}.svg") as part:
         part.write_text(sequence_strip(evaluation.sequences[0]), encoding="utf-8")
     console = Console()
     console.print(evaluation_table(evaluation))
     console.print(_advice(out, stem, data), highlight=False, soft_wrap=True)
+    if not has_charts():
+        typer.echo(f"There is no report.html: {NO_CHARTS}", err=True)
 
 
 def _live(out: Path, seconds: float) -> None:
@@ -180,9 +184,11 @@ def _own_files(data: Path | None, out: Path) -> tuple[str, ...]:
 
 
 def _advice(out: Path, stem: str, data: Path | None) -> str:
-    library = out / "library"
+    from poseloom.report.charts import has_charts
+
+    library, shown = out / "library", "report.html" if has_charts() else f"{stem}.svg"
     lines = [
-        f"Look at it:           {out / 'report.html'} in a browser; {out / stem}.bvh and .glb in Blender",
+        f"Look at it:           {out / shown} in a browser; {out / stem}.bvh and .glb in Blender",
         "Your own motions:     make demo DATA=FOLDER" if data is None else "",
         "Step by step:         . .venv/bin/activate",
         "                      poseloom simulate sample:dance_a -o dance.mcap",

@@ -64,8 +64,11 @@ def evaluate(
     from poseloom.evaluation.experiment import evaluate as run
     from poseloom.evaluation.rows import write_results
     from poseloom.evaluation.splits import split_named
+    from poseloom.report.charts import require_charts
     from poseloom.synthesis import TrackerNoise
 
+    if report is not None:
+        require_charts()
     for output in (json, report):
         _check_output(output)
     conditions = Conditions(layout, TrackerNoise(position_m=noise_mm / 1e3, orientation_rad=radians(noise_deg)), seed)

@@ -7,7 +7,7 @@ import typer
 
 from poseloom.cli._measured import DATA_VARIABLE, recordings_of, running_commit
 from poseloom.cli._progress import progress_bars
-from poseloom.errors import PoseloomError
+from poseloom.errors import PoseloomError, missing_extra
 
 if TYPE_CHECKING:
     from poseloom.evaluation.rows import Row
@@ -176,9 +176,6 @@ def _show(rows: "tuple[Row, ...]") -> None:
 def _require_torch() -> None:
     from importlib.util import find_spec
 
-    missing = [name for name in ("torch", "onnx") if find_spec(name) is None]
+    missing = [name for name in ("torch", "onnx", "onnxruntime") if find_spec(name) is None]
     if missing:
-        raise PoseloomError(
-            f"training needs {' and '.join(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed",
-            remedy='Install them with `pip install "poseloom[train]"`',
-        )
+        raise missing_extra(f"training needs {' and '.join(missing)}", "train")

@@ -62,9 +62,12 @@ def fit_flex_sensor(
 
     from poseloom.formats.atomic import atomic_file
     from poseloom.formats.bend_tables import read_bend_tables, read_displaced_tables
+    from poseloom.report.charts import require_charts
     from poseloom.synthesis.flex_figures import sensors_to_json
     from poseloom.synthesis.flex_study import provenance, study_flex_sensors
 
+    if report is not None:
+        require_charts()
     tables = read_bend_tables(data, rate)
     study = study_flex_sensors(tables, read_displaced_tables(data, rate))
     facts = provenance(study, tables, source)

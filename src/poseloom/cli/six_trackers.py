@@ -140,7 +140,10 @@ def six_trackers(
     from poseloom.evaluation.cases import Conditions
     from poseloom.evaluation.rows import write_results
     from poseloom.formats.atomic import atomic_file
+    from poseloom.report.charts import require_charts
 
+    if report is not None:
+        require_charts()
     recordings, conditions = recordings_of(data), Conditions(seed=seed)
     for name in part or ():
         if name not in PARTS:

@@ -12,6 +12,7 @@ import numpy as np
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.formats.atomic import atomic_file
 from poseloom.formats.bend_tables import BendTable
+from poseloom.report.charts import chart_script
 from poseloom.synthesis.flex_figures import batch_shape
 from poseloom.synthesis.flex_fit import ChannelFit, curve, delayed, fit_scale
 from poseloom.synthesis.flex_readings import flex_counts
@@ -54,8 +55,6 @@ def write_flex_report(path: str | Path, study: FlexStudy, tables: Sequence[BendT
     Raises:
         OSError: where the file cannot be written.
     """
-    from plotly.offline import get_plotlyjs  # pyright: ignore[reportMissingTypeStubs]
-
     by_name = {table.name: table for table in tables}
     plots: dict[str, Any] = {}
     sections: list[str] = []
@@ -74,7 +73,7 @@ def write_flex_report(path: str | Path, study: FlexStudy, tables: Sequence[BendT
         f'<!DOCTYPE html><html lang="en"><head>{head}<title>Flex sensors</title><style>{_STYLE}</style></head><body>'
         f"<h1>Flex sensors: fit and data</h1><p>{html.escape(command)}, poseloom {html.escape(version('poseloom'))}</p>"
         f"{_judged(study.judgements)}{''.join(sections)}{_figures(study)}{_measured(study)}"
-        f"<script>{get_plotlyjs()}</script><script>const plots = {data}; {_DRAW}</script></body></html>\n"
+        f"<script>{chart_script()}</script><script>const plots = {data}; {_DRAW}</script></body></html>\n"
     )
     with atomic_file(path) as part:
         part.write_text(text, encoding="utf-8")

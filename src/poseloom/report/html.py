@@ -11,6 +11,7 @@ from pathlib import Path
 from poseloom.errors import PoseloomError
 from poseloom.evaluation.results import SequenceResult
 from poseloom.formats.atomic import atomic_file
+from poseloom.report.charts import chart_script
 from poseloom.report.page_data import page_data
 
 
@@ -42,8 +43,6 @@ def write_report(
 
 
 def _page(sequences: Sequence[SequenceResult], title: str, notes: Sequence[str], facts: dict[str, str]) -> str:
-    from plotly.offline import get_plotlyjs  # pyright: ignore[reportMissingTypeStubs]
-
     running = version("poseloom")
     data = json.dumps(page_data(sequences), separators=(",", ":"), allow_nan=False)
     paragraphs = "".join(f"<p>{html.escape(note)}</p>" for note in notes)
@@ -60,7 +59,7 @@ def _page(sequences: Sequence[SequenceResult], title: str, notes: Sequence[str],
         "css": _asset("page.css"),
         "figure": _asset("figure.js"),
         "page": _asset("page.js"),
-        "plotly": get_plotlyjs(),
+        "plotly": chart_script(),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("page.html"))
 

@@ -11,6 +11,7 @@ from poseloom.benchmark.six_trackers.accuracy import Curve
 from poseloom.benchmark.six_trackers.run import SixTrackers
 from poseloom.evaluation.rows import Row
 from poseloom.formats.atomic import atomic_file
+from poseloom.report.charts import chart_script
 from poseloom.report.page_data import method_colour
 
 _WIDTH, _HEIGHT, _LEFT, _GAP = 960.0, 210.0, 46.0, 34.0
@@ -28,8 +29,6 @@ def write_six_trackers_page(path: str | Path, outcome: SixTrackers) -> None:
     Raises:
         OSError: where the file cannot be written.
     """
-    from plotly.offline import get_plotlyjs  # pyright: ignore[reportMissingTypeStubs]
-
     plots = [_channels_plot(outcome.results.rows), *_curve_plots(outcome.curves)]
     places = "".join(
         f'<h2>{html.escape(p["title"])}</h2><div class="plot" id="p{i}"></div>' for i, p in enumerate(plots)
@@ -39,7 +38,7 @@ def write_six_trackers_page(path: str | Path, outcome: SixTrackers) -> None:
     text = f"""<!doctype html><html lang="en"><meta charset="utf-8"><title>Six trackers</title><style>{_STYLE}</style>
 <h1>Six trackers</h1><p>poseloom {version("poseloom")}, data {outcome.results.data_digest[:16]}</p>
 {places}<h2>All figures</h2>{_table(outcome.results.rows)}
-<script>{get_plotlyjs()}</script><script>const plots = {data}; {draw}</script></html>
+<script>{chart_script()}</script><script>const plots = {data}; {draw}</script></html>
 """
     with atomic_file(path) as part:
         part.write_text(text, encoding="utf-8")

@@ -1,7 +1,6 @@
 """From a trained network to a file that runs without torch: one sample in, angles and the next memory out."""
 
 import io
-import math
 import warnings
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -13,11 +12,12 @@ import torch
 from torch import Tensor, nn
 
 from poseloom.arrays import Array, Floats
+from poseloom.methods.flex.filter_bank_lstm import FilterBankLstm
 from poseloom.methods.flex.model_file import FlexModel, write_flex_model
-from poseloom.methods.flex.step_network import INPUTS, MemoryPart, StepNetwork
+from poseloom.methods.flex.onnx_network import MemoryPart, OnnxNetwork
+from poseloom.methods.flex.step_network import INPUTS
 from poseloom.training.fitting import Fitted
-from poseloom.training.networks import CHANNELS
-from poseloom.training.scales import LEAST_LIVELINESS, MIXED, PAIRS, Scales, keep
+from poseloom.training.scales import Scales
 
 _OPSET = 17
 
@@ -55,72 +55,36 @@ class WindowStep(nn.Module):
         return said, spread, heard, torch.cat([past[:, 1:], angles], dim=1)
 
 
-class ScalesStep(nn.Module):
-    """Our network, one sample at a time: the filter bank, the LSTM's step and the smoothing."""
+def to_step_network(fitted: Fitted, medians: bool = True) -> FilterBankLstm | OnnxNetwork:
+    """A fitted network as one that takes a sample at a time and runs without torch.
 
-    def __init__(self, network: Scales) -> None:
-        super().__init__()
-        self.network = network
-        self.hidden = network.memory.hidden_size
-        bank = network.bank
-        self.register_buffer("stays", torch.tensor([keep(scale) for scale in bank.means]).reshape(1, -1, 1))
-        self.register_buffer("lively_stays", torch.tensor([keep(scale) for scale in bank.liveliness]).reshape(1, -1, 1))
-
-    def parts(self) -> tuple[MemoryPart, ...]:
-        """What is remembered."""
-        bank = self.network.bank
-        return (
-            MemoryPart("means", (1, len(bank.means), CHANNELS)),
-            MemoryPart("lively", (1, len(bank.liveliness), CHANNELS)),
-            MemoryPart("pairs", (1, len(PAIRS))),
-            MemoryPart("mixed", (1, len(MIXED))),
-            MemoryPart("hidden", (1, 1, self.hidden)),
-            MemoryPart("cell", (1, 1, self.hidden)),
-            MemoryPart("told", (1, self.network.told.out_features)),
-        )
-
-    def forward(
-        self, sample: Tensor, fresh: Tensor, means: Tensor, lively: Tensor, pairs: Tensor, mixed: Tensor,
-        hidden: Tensor, cell: Tensor, told: Tensor,
-    ) -> tuple[Tensor, ...]:  # fmt: skip
-        bank, again = self.network.bank, fresh.reshape(1, 1, 1)
-        values = sample[:, :CHANNELS]
-        means = self._follow(means, values[:, None], self.get_buffer("stays"), again)
-        moved, posture = values - means[:, bank.swift], values - means[:, bank.slow]
-        lively = self._follow(lively, (moved * moved)[:, None], self.get_buffer("lively_stays"), again)
-        together = torch.tensor(keep(bank.together))
-        pairs_now = torch.cat([posture[:, i : i + 1] * posture[:, j : j + 1] for i, j in PAIRS], dim=1)
-        mixed_now = torch.cat([moved[:, i : i + 1] * posture[:, j : j + 1] for i, j in MIXED], dim=1)
-        pairs = self._follow(pairs, pairs_now, together, fresh)
-        mixed = self._follow(mixed, mixed_now, together, fresh)
-        steps = (means[:, :-1] - means[:, 1:]).reshape(1, -1)
-        liveliness = torch.sqrt(lively + LEAST_LIVELINESS).reshape(1, -1)
-        features = torch.cat(
-            [sample, values - means[:, 0], steps, means[:, -1], liveliness, pairs, mixed], dim=1
-        )  # fmt: skip
-        heard = (features - self.network.get_buffer("centre")) / self.network.get_buffer("scale")
-        remembered, (hidden, cell) = self.network.memory(heard[:, None], (hidden, cell))
-        angles = self.network.told(remembered[:, 0])
-        # Laplace: the standard deviation is the mean absolute error times the root of two.
-        spread = torch.exp(self.network.doubt(remembered[:, 0])) * math.sqrt(2)
-        said = self._follow(told, angles, torch.tensor(keep(self.network.smoothing)), fresh)
-        return said, spread, means, lively, pairs, mixed, hidden, cell, said
-
-    @staticmethod
-    def _follow(mean: Tensor, value: Tensor, stays: Tensor, again: Tensor) -> Tensor:
-        before = again * value + (1 - again) * mean
-        return stays * before + (1 - stays) * value
-
-
-def step_module(fitted: Fitted, medians: bool = True) -> WindowStep | ScalesStep:
-    """A fitted network as one that hears a sample at a time."""
+    Args:
+        fitted: The network.
+        medians: Whether a window network's outputs pass the median of three.
+    """
     if isinstance(fitted.network, Scales):
-        return ScalesStep(fitted.network).eval()
-    return WindowStep(fitted.network, fitted.settings.network.window, fitted.spread, medians).eval()
+        return _filter_bank_lstm(fitted.network)
+    return _onnx(WindowStep(fitted.network, fitted.settings.network.window, fitted.spread, medians).eval())
 
 
-def to_step_network(module: WindowStep | ScalesStep) -> StepNetwork:
-    """The ONNX graph of a step."""
+def _filter_bank_lstm(network: Scales) -> FilterBankLstm:
+    lstm = cast("dict[str, Tensor]", network.memory.state_dict())
+    weights: dict[str, Tensor] = {
+        "centre": network.get_buffer("centre"),
+        "scale": network.get_buffer("scale"),
+        "input": lstm["weight_ih_l0"],
+        "recurrent": lstm["weight_hh_l0"],
+        "bias": lstm["bias_ih_l0"] + lstm["bias_hh_l0"],
+        "angles": network.told.weight,
+        "angles_bias": network.told.bias,
+        "error": network.doubt.weight,
+        "error_bias": network.doubt.bias,
+    }
+    arrays = {name: weight.detach().numpy() for name, weight in weights.items()}
+    return FilterBankLstm(network.bank, network.smoothing, arrays)
+
+
+def _onnx(module: WindowStep) -> OnnxNetwork:
     parts = module.parts()
     memory = [torch.zeros(part.shape) for part in parts]
     file = io.BytesIO()
@@ -134,7 +98,7 @@ def to_step_network(module: WindowStep | ScalesStep) -> StepNetwork:
             opset_version=_OPSET,
             dynamo=False,
         )
-    return StepNetwork(file.getvalue(), parts)
+    return OnnxNetwork(file.getvalue(), parts)
 
 
 @contextmanager
@@ -175,6 +139,6 @@ def export(
         data_digest: Of what it was fitted to.
         medians: Whether a window network's outputs pass the median of three.
     """
-    network = to_step_network(step_module(fitted, medians))
+    network = to_step_network(fitted, medians)
     model = FlexModel(method, network, np.asarray(rest), np.asarray(rest_spread), dict(card))
     write_flex_model(model, path, seed=fitted.seed, data_digest=data_digest)

@@ -12,6 +12,7 @@ from torch import nn
 
 from poseloom.arrays import Array, Floats, Floats32
 from poseloom.methods.flex.angles import ANGLES, angle_errors
+from poseloom.methods.flex.filter_bank import BankSettings
 from poseloom.training.draws import DrawSettings, draw_inputs
 from poseloom.training.examples import Examples, Heard, Stretches, Windows, heard_pieces
 from poseloom.training.loop import History, LoopSettings, Progress, laplace_loss, squared_loss, tell, train
@@ -24,7 +25,7 @@ from poseloom.training.networks import (
     Transformer,
     median_of_three,
 )
-from poseloom.training.scales import BankSettings, Scales, bank_series, exponential_mean
+from poseloom.training.scales import Scales, bank_series, exponential_mean
 from poseloom.training.sessions import Session, mirrored
 from poseloom.training.splits import Divided, Part, Piece
 from poseloom.training.tensors import seed_torch, tensor

@@ -7,7 +7,6 @@ computes it once; live it is a memory of some dozen numbers a channel.
 """
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -17,44 +16,8 @@ from scipy.signal import lfilter  # pyright: ignore[reportMissingTypeStubs, repo
 from torch import Tensor, nn
 
 from poseloom.arrays import Array, Floats, Floats32
+from poseloom.methods.flex.filter_bank import CHANNELS, LEAST_LIVELINESS, MIXED, PAIRS, BankSettings, keep
 from poseloom.training.tensors import tensor
-
-CHANNELS = 4
-PAIRS = tuple((i, j) for i in range(CHANNELS) for j in range(i, CHANNELS))
-"""Channels whose postures are multiplied."""
-MIXED = tuple((i, j) for i in range(CHANNELS) for j in range(CHANNELS) if i != j)
-"""Channels of which the one's movement and the other's posture are multiplied."""
-LEAST_LIVELINESS = 1e-6
-"""What is added to a mean square before its root is taken."""
-
-
-@dataclass(frozen=True)
-class BankSettings:
-    """Time scales of the filter bank, in samples at 50 Hz.
-
-    Attributes:
-        means: Of the exponential means of the values.
-        swift: Which of them movement is measured against.
-        slow: Which of them posture is measured against.
-        liveliness: Of the means of squared movement.
-        together: Of the means of products between channels.
-    """
-
-    means: tuple[float, ...] = (2.0, 5.0, 12.0, 30.0, 100.0, 400.0)
-    swift: int = 1
-    slow: int = 4
-    liveliness: tuple[float, ...] = (25.0, 100.0)
-    together: float = 50.0
-
-    @property
-    def features(self) -> int:
-        """Numbers that come out a sample."""
-        return CHANNELS * (3 + len(self.means) + len(self.liveliness)) + len(PAIRS) + len(MIXED)
-
-
-def keep(scale: float) -> float:
-    """Share of an exponential mean that stays from one sample to the next."""
-    return math.exp(-1.0 / scale)
 
 
 def bank_series(inputs: Floats32[Array, "frames inputs"], settings: BankSettings) -> Floats32[Array, "frames features"]:

@@ -278,7 +278,7 @@ def _speed(rows: Sequence[Row]) -> str:
     ]
     heads = ("network", "p50, ms", "p95, ms", "p99, ms", "its own p50, ms", "its own p99, ms", "model, MB")
     told = (
-        "From counts to frame, onnxruntime, one thread. Wall time holds what other programs took of the processor; its "
-        "own time is the thread's."
+        "From counts to frame, one thread; `flex-scales` in NumPy, the others in onnxruntime. Wall time holds what "
+        "other programs took of the processor; its own time is the thread's."
     )
     return f"## Time per step\n\n{told}\n\n{markdown_table(heads, lines)}"

@@ -1,27 +1,36 @@
-"""The file of a fitted flex network: an artefact that holds its ONNX graph and its card."""
+"""The file of a fitted flex network: an artefact that holds its weights, or its ONNX graph, and its card."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
 from poseloom.formats._files import reading
-from poseloom.formats.artefact import read_artefact, write_artefact
-from poseloom.formats.artefact_arrays import ArtefactArrays, checked_number
+from poseloom.formats.artefact import Artefact, read_artefact, write_artefact
+from poseloom.formats.artefact_arrays import ArtefactArrays, checked_number, plain_settings
 from poseloom.methods.flex.angles import angle_columns
-from poseloom.methods.flex.step_network import INPUTS, MemoryPart, StepNetwork
+from poseloom.methods.flex.filter_bank import BankSettings
+from poseloom.methods.flex.filter_bank_lstm import FilterBankLstm
+from poseloom.methods.flex.onnx_network import MemoryPart, OnnxNetwork
+from poseloom.methods.flex.step_network import INPUTS
 from poseloom.skeleton.body import average_body
 
 KIND = "flex-network"
-VERSION = 1
+VERSION = 2
+
+_WEIGHT = "network."
+"""What the names of a network's weights begin with."""
 
 _LARGEST = 1e6
 """Numbers that a network may remember."""
+_SCALES = (1e-3, 1e6)
+"""Least and greatest time scale of a filter bank, in samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +46,7 @@ class FlexModel:
     """
 
     method: str
-    network: StepNetwork
+    network: FilterBankLstm | OnnxNetwork
     rest: Floats[Array, "dofs"]
     rest_spread: Floats[Array, "dofs"]
     card: Mapping[str, str]
@@ -52,16 +61,15 @@ def write_flex_model(model: FlexModel, path: str | Path, seed: int | None = None
         seed: Of its fit.
         data_digest: Of what it was fitted to.
     """
-    header = {
-        "method": model.method,
-        "memory": [{"name": part.name, "shape": list(part.shape)} for part in model.network.parts],
-        "card": dict(model.card),
-    }
-    arrays = {
-        "graph": np.frombuffer(model.network.graph, dtype=np.uint8),
-        "rest": model.rest,
-        "rest_spread": model.rest_spread,
-    }
+    network = model.network
+    header: dict[str, Any] = {"method": model.method, "card": dict(model.card)}
+    arrays: dict[str, NDArray[Any]] = {"rest": model.rest, "rest_spread": model.rest_spread}
+    if isinstance(network, OnnxNetwork):
+        header["memory"] = [{"name": part.name, "shape": list(part.shape)} for part in network.parts]
+        arrays["graph"] = np.frombuffer(network.graph, dtype=np.uint8)
+    else:
+        header["bank"] = {**asdict(network.bank), "smoothing": network.smoothing}
+        arrays |= {f"{_WEIGHT}{name}": weight for name, weight in network.weights.items()}
     write_artefact(path, KIND, VERSION, header, arrays, seed=seed, data_digest=data_digest)
 
 
@@ -77,18 +85,30 @@ def read_flex_model(path: str | Path, method: str | None = None) -> FlexModel:
     """
     artefact = read_artefact(path, KIND, VERSION)
     with reading(path, "a flex network"):
-        parts = [_part(each) for each in artefact.header["memory"]]
         card = {str(key): str(value) for key, value in cast("dict[str, Any]", artefact.header["card"]).items()}
         own = str(artefact.header["method"])
         if method is not None and own != method:
             raise FormatError(f"this model is for the method {own!r}, not {method!r}", remedy=f"Give --method {own}")
         arrays = ArtefactArrays(artefact.arrays, dofs=average_body().size)
-        graph = arrays.numbers("graph", "bytes", np.uint8).tobytes()
         rest = arrays.floats("rest", "dofs", low=-100.0, high=100.0)
         spread = arrays.floats("rest_spread", "dofs", low=0.0, high=1e4)
-        network = StepNetwork(graph, parts)
+        network = _network(artefact, arrays)
         _check(network, len(angle_columns()))
         return FlexModel(own, network, rest, spread, card)
+
+
+def _network(artefact: Artefact, arrays: ArtefactArrays) -> FilterBankLstm | OnnxNetwork:
+    if "graph" in artefact.arrays:
+        parts = [_part(each) for each in artefact.header["memory"]]
+        return OnnxNetwork(arrays.numbers("graph", "bytes", np.uint8).tobytes(), parts)
+    settings = dict(cast("Mapping[str, Any]", artefact.header["bank"]))
+    smoothing = checked_number("the smoothing", settings.pop("smoothing", None), *_SCALES)
+    scales = dict.fromkeys(("means", "liveliness", "together"), _SCALES)
+    bank = plain_settings(BankSettings(), settings, scales)
+    if max(bank.swift, bank.slow) >= len(bank.means):
+        raise FormatError(f"the filter bank has no mean number {max(bank.swift, bank.slow)}")
+    weights = {name.removeprefix(_WEIGHT): array for name, array in artefact.arrays.items() if name.startswith(_WEIGHT)}
+    return FilterBankLstm(bank, smoothing, weights)
 
 
 def _part(entry: Any) -> MemoryPart:
@@ -98,16 +118,18 @@ def _part(entry: Any) -> MemoryPart:
     return MemoryPart(str(entry["name"]), shape)
 
 
-def _check(network: StepNetwork, angles: int) -> None:
+def _check(network: FilterBankLstm | OnnxNetwork, angles: int) -> None:
     """Runs a network a few times on made-up samples: what it makes must have the right sizes, and be numbers."""
-    memory = network.start()
+    memory: Any = network.start()
     for turn, value in enumerate((0.0, 1.0, 0.5)):
         half = np.full(INPUTS // 2, value)
         try:
             memory, told, spread = network.step(memory, half, np.ones(INPUTS // 2), turn == 0)
         except Exception as error:  # onnxruntime's own errors share no base class but Exception
             raise _unfit(str(error).partition("\n")[0]) from None
-        if tuple(part.shape for part in memory) != tuple(part.shape for part in network.parts):
+        if isinstance(network, OnnxNetwork) and [part.shape for part in memory] != [
+            part.shape for part in network.parts
+        ]:
             raise _unfit("what it remembers changes its shape")
         if told.shape != (angles,) or spread.shape != (angles,):
             raise _unfit(f"it makes {told.shape} angles, not {angles}")
