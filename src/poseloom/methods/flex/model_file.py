@@ -103,7 +103,7 @@ def _network(artefact: Artefact, arrays: ArtefactArrays) -> FilterBankLstm | Onn
         return OnnxNetwork(arrays.numbers("graph", "bytes", np.uint8).tobytes(), parts)
     settings = dict(cast("Mapping[str, Any]", artefact.header["bank"]))
     smoothing = checked_number("the smoothing", settings.pop("smoothing", None), *_SCALES)
-    scales = dict.fromkeys(("means", "liveliness", "together"), _SCALES)
+    scales = {"means": _SCALES, "liveliness": _SCALES, "together": _SCALES}
     bank = plain_settings(BankSettings(), settings, scales)
     if max(bank.swift, bank.slow) >= len(bank.means):
         raise FormatError(f"the filter bank has no mean number {max(bank.swift, bank.slow)}")
