@@ -140,6 +140,25 @@ def test_damaged_mvnx_is_refused(tmp_path: Path):
         read_imu_tracks(path)
 
 
+@pytest.mark.parametrize("field", ["sensorOrientation", "sensorFreeAcceleration"])
+def test_mvnx_without_a_field_says_which(tmp_path: Path, field: str):
+    path = mvnx(tmp_path)
+    path.write_text(path.read_text().replace(field, "jointAngle"))
+    with pytest.raises(FormatError, match=f"no frame has the field {field}") as caught:
+        read_imu_tracks(path)
+    assert caught.value.file == str(path)
+    assert "jointAngle" in caught.value.cause
+
+
+@pytest.mark.parametrize("rate", ["0", "-60", "nan", "inf", "1e-300", "abc", "1e9", ""])
+@pytest.mark.filterwarnings("error")
+def test_mvnx_with_an_impossible_frame_rate_is_refused_before_any_arithmetic(tmp_path: Path, rate: str):
+    path = mvnx(tmp_path)
+    path.write_text(path.read_text().replace('frameRate="60"', f'frameRate="{rate}"'))
+    with pytest.raises(FormatError, match="frameRate"):
+        read_imu_tracks(path)
+
+
 def xio(folder: Path, lost: int | None = None) -> Path:
     times = [917410905 + 20035 * i for i in range(30)]
     head = "Timestamp (us)," + ",".join(f"Gyroscope {a} (deg/s)" for a in "XYZ")

@@ -19,14 +19,17 @@ from poseloom.formats.imus.tracks import STANDARD_GRAVITY, ImuTrack, make_track
 from poseloom.rotations import matrix_from_quat
 
 _FRAME = "frame"
+_ORIENTATION, _FREE = "sensorOrientation", "sensorFreeAcceleration"
+_SLOWEST, _FASTEST = 1.0, 10_000.0
 
 
 def read_mvnx(path: Path) -> tuple[ImuTrack, ...]:
     """Reads all trackers, by their labels (Pelvis, T8, RightHand ...).
 
     Raises:
-        FormatError: with the line, for damaged XML, a file without trackers or their orientations, or a frame with
-            another number of values.
+        FormatError: with the line, for damaged XML; for a file without trackers, without one of the two fields
+            (the message says which), or with a frame rate that no recording has; for a frame with another number of
+            values.
     """
     content = read_bytes(path)
     if b"<!ENTITY" in content:
@@ -54,14 +57,37 @@ def read_mvnx(path: Path) -> tuple[ImuTrack, ...]:
             file=path,
         )
     rate = _number(subject.get("frameRate"), "frameRate", path)
+    if not _SLOWEST <= rate <= _FASTEST:
+        raise FormatError(
+            f"the frameRate is {subject.get('frameRate')!r}",
+            cause=f"no recording has it: {_SLOWEST:g} to {_FASTEST:g} frames a second are read",
+            remedy="Export the file again from MVN",
+            file=path,
+        )
+    _check_fields(frames, space, path)
     places = np.array([_number(frame.get("index"), "index of a frame", path) for frame in frames])
-    quats = _values(frames, f"{space}sensorOrientation", 4 * len(names), path).reshape(len(frames), -1, 4)
-    free = _values(frames, f"{space}sensorFreeAcceleration", 3 * len(names), path).reshape(len(frames), -1, 3)
+    quats = _values(frames, f"{space}{_ORIENTATION}", 4 * len(names), path).reshape(len(frames), -1, 4)
+    free = _values(frames, f"{space}{_FREE}", 3 * len(names), path).reshape(len(frames), -1, 3)
     felt = np.einsum("fsji,fsj->fsi", matrix_from_quat(quats), free + np.array([0.0, 0.0, STANDARD_GRAVITY]))
     return tuple(
         make_track(name, places / rate, path, specific_forces=felt[:, i], quats_wxyz=quats[:, i])
         for i, name in enumerate(names)
     )
+
+
+def _check_fields(frames: list[ElementTree.Element], space: str, path: Path) -> None:
+    """Raises where no frame has one of the fields that are needed, and says which are there."""
+    absent = [
+        field for field in (_ORIENTATION, _FREE) if all(frame.find(f"{space}{field}") is None for frame in frames)
+    ]
+    if absent:
+        there = sorted({part.tag.removeprefix(space) for part in frames[0]})
+        raise FormatError(
+            f"no frame has the field {' or '.join(absent)}",
+            cause=f"it was left out at the export; the fields are {', '.join(there)[:200] or 'none'}",
+            remedy=f"Export the file again from MVN with {' and '.join(absent)} (sensor data) chosen",
+            file=path,
+        )
 
 
 def _number(text: str | None, what: str, path: Path) -> float:
