@@ -48,21 +48,42 @@ def import_imu(
     start: Annotated[float, typer.Option(help="Second at which the recording begins.")] = 0.0,
     stop: Annotated[float | None, typer.Option(help="Second at which it ends.")] = None,
     source_rate: Annotated[float | None, typer.Option(help="Samples a second of files that do not say it.")] = None,
+    time_unit: Annotated[
+        str, typer.Option(help="Of a table's time: s, ms, us, ns, seconds of a tick, or index to count rows.")
+    ] = "",
+    accel_unit: Annotated[
+        str, typer.Option(help="Of a table's specific force: m/s2, g, mg, or m/s2 in one unit.")
+    ] = "",
+    gyro_unit: Annotated[
+        str, typer.Option(help="Of a table's angular rate: rad/s, deg/s, mdps, or rad/s in one unit.")
+    ] = "",
+    quat_order: Annotated[
+        str, typer.Option(help="Of a table's quaternions: wxyz, xyzw, or none to leave them out.")
+    ] = "",
+    columns: Annotated[
+        Path | None,
+        typer.Option(metavar="MAP.toml", help="Which columns of a table hold what; see docs/imus.md.", exists=True),
+    ] = None,
     name: Annotated[str | None, typer.Option(help="What to call the recording.")] = None,
 ) -> None:
     """Put a recording of real IMUs on one clock, turn the sensors' axes to the bones', and write it for reconstruct.
 
+    What is found out of a table's units, clock and order of quaternions is printed, and can be given by options.
     All seconds count from the first moment that all the sensors know, also with --start.
 
     Example: poseloom import-imu walk/ --sensors right-foot=00B40C48 -o walk.mcap
     """
     from poseloom.calibration.imu_alignment import align_imus, turn_to_bones
-    from poseloom.formats.imus import assemble_imus, read_imu_tracks
+    from poseloom.formats.column_map import read_column_map
+    from poseloom.formats.imus import ImuChoices, assemble_imus, read_imu_tracks
     from poseloom.formats.recording import write_recording
 
     if align not in _ALIGNMENTS:
         raise unknown_name("way to align", align, _ALIGNMENTS, SensorError)
-    tracks = read_imu_tracks(paths, source_rate)
+    mapped = read_column_map(columns) if columns is not None else None
+    choices = ImuChoices(source_rate, time_unit, accel_unit, gyro_unit, quat_order, mapped)
+    tracks = read_imu_tracks(paths, choices=choices)
+    _show_notes(tracks)
     if not sensors:
         _list(tracks)
         return
@@ -79,6 +100,14 @@ def import_imu(
         recording = recording.cut(*_samples(recording, start, stop))
     write_recording(recording, output)
     show_recording(recording, output)
+
+
+def _show_notes(tracks: "Mapping[str, ImuTrack]") -> None:
+    """How units, clocks and orders of each file were found, one line a fact."""
+    for file in dict.fromkeys(track.file for track in tracks.values()):
+        notes = [note for track in tracks.values() if track.file == file for note in track.notes]
+        for note in dict.fromkeys(notes):
+            typer.echo(f"{file.name}: {note}")
 
 
 def _worn(sensors: "Sequence[str]", tracks: "Mapping[str, ImuTrack]") -> "dict[str, ImuTrack]":

@@ -13,7 +13,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
-from poseloom.formats.imus.tables import Table, read_table
+from poseloom.formats.text_tables import Table, read_table
 from poseloom.rotations import matrix_from_quat, matrix_from_rotvec
 
 RATE = 100.0

@@ -81,11 +81,13 @@ def assemble_imus(
         forces[:, index], rates[:, index], quats[:, index] = read[:, :3], read[:, 3:6], read[:, 6:]
     body = average_body() if skeleton is None else skeleton
     derived = [track.name for track in tracks if not np.isfinite(track.angular_rates).any()]
+    notes = list(dict.fromkeys(note for track in tracks for note in track.notes))
     settings = {
         "made by": "import",
         "source": ", ".join(f"{place} = {track.name}" for place, track in worn.items()),
         "bandwidth": f"{bandwidth_hz:g} Hz",
         "begins at": f"{begin + start:.6f} s",
+        **({"read as": "; ".join(notes)} if notes else {}),
         **({"angular rates derived from orientations": ", ".join(derived)} if derived else {}),
     }
     return make_recording(

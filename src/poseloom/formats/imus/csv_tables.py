@@ -1,9 +1,10 @@
-"""CSV tables of accelerometers and gyroscopes: gaitmap's, and those of one sensor with its rate in a comment.
+"""Text tables of accelerometers, gyroscopes and orientations, in any dialect, wording and unit.
 
-gaitmap's have columns `acc_x` ... `gyr_z` in m/s^2 and degrees a second, with the sensors' names in a row above or
-without one, sensors and axes in any order, and before them a column that counts samples or tells seconds. The others
-begin with a comment `fs=100`, and have `acc_1` ... `gyr_3` in m/s^2 and rad/s and the orientation `ori_1` ... `ori_4`
-as a quaternion, scalar first, from the sensor to a world whose z points up.
+Columns are known by their names (`acc_x`, `Gyroscope Y (deg/s)`, `left foot ax`, `qw` ...), with the sensors' names in
+them or in a row above, or by a column map. Units are told from names, checked against values, and found from values
+where names say nothing: the specific force by gravity at rest, the angular rate by its peaks, the orientations and
+gravity's direction, the time by the rate. Every track says in its notes what was found. gaitmap's tables and those of
+one sensor with its rate in a comment (`fs=100`) are such tables.
 """
 
 import re
@@ -13,92 +14,151 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
-from poseloom.formats.imus.tables import Table, read_table
+from poseloom.formats._files import decode, split_lines
+from poseloom.formats.column_names import FORCE, FORCE_UNITS, QUAT, RATE, RATE_UNITS, read_column_name
+from poseloom.formats.imus.choices import ImuChoices
+from poseloom.formats.imus.quaternions import NO_QUATS, settle_quats, turning_of
+from poseloom.formats.imus.sensor_columns import SensorColumns, mapped_sensors, sensors_of, table_columns
 from poseloom.formats.imus.tracks import ImuTrack, make_track
+from poseloom.formats.imus.units import find_rest, force_unit, rate_unit, stirred
+from poseloom.formats.table_times import TimeChoice, parse_unit, table_times, usual_step
+from poseloom.formats.text_tables import Table, read_table, split_cells
 
-_AXES = ("acc_x", "acc_y", "acc_z", "gyr_x", "gyr_y", "gyr_z")
-_NUMBERED = tuple(f"{kind}_{axis}" for kind in ("acc", "gyr") for axis in (1, 2, 3))
-_TURNED = tuple(f"ori_{axis}" for axis in (1, 2, 3, 4))
-_RATE = re.compile(r"\bfs=([0-9.]+)")
+_NONE = ImuChoices()
+_RATE = re.compile(r"\b(?:fs|rate|frequency)\s*(?:\(hz\))?\s*[=:,;\t]\s*([0-9]+(?:\.[0-9]+)?)", re.IGNORECASE)
 
 
 def is_imu_csv(head: bytes) -> bool:
-    """Whether a file begins as one of these tables does."""
-    return b"acc_x" in head or (head.startswith(b"//") and b"acc_1" in head)
+    """Whether a file's beginning names an acceleration's, an angular rate's or an orientation's axes in one line."""
+    for line in split_lines(decode(head))[:60]:
+        for delimiter in "\t;,| ":
+            found = [read_column_name(cell).quantity for cell in split_cells(line[:4096], delimiter)]
+            if found.count(FORCE) >= 3 or found.count(RATE) >= 3 or found.count(QUAT) >= 4:
+                return True
+    return False
 
 
-def read_imu_csv(path: Path, rate: float | None = None) -> tuple[ImuTrack, ...]:
+def read_imu_csv(path: Path, choices: ImuChoices = _NONE) -> tuple[ImuTrack, ...]:
     """Reads all sensors of a table.
 
     Args:
         path: The file.
-        rate: Samples a second, for tables that count samples and do not say it.
+        choices: What the user says of it.
 
     Raises:
-        FormatError: with the line, for a damaged file, missing columns, or a rate that is not known.
+        FormatError: with the line, for a damaged file or missing columns; for a unit, an order or a rate that is not
+            known or cannot be, and for accelerations without gravity.
     """
-    with path.open("rb") as stream:
-        lines = stream.read(8192).split(b"\n")
-    if lines[0].startswith(b"//"):
-        return (_read_numbered(path, rate),)
-    table = read_table(path, heads=1 if b"acc_x" in lines[0] else 2)
-    owners = table.heads[0] if len(table.heads) == 2 else tuple(path.stem for _ in table.names)
-    sensors = list(dict.fromkeys(owner for owner, axis in zip(owners, table.names, strict=True) if axis in _AXES))
-    times = _times(table, rate)
-    return tuple(_sensor(table, owners, sensor, times) for sensor in sensors)
-
-
-def _sensor(table: Table, owners: tuple[str, ...], sensor: str, times: Floats[Array, "samples"]) -> ImuTrack:
-    places: list[int] = []
-    for axis in _AXES:
-        found = [
-            i
-            for i, (owner, name) in enumerate(zip(owners, table.names, strict=True))
-            if (owner, name) == (sensor, axis)
-        ]
-        if len(found) != 1:
-            raise FormatError(
-                f"sensor {sensor!r} has {len(found)} columns {axis!r}",
-                remedy=f"Give one of each: {', '.join(_AXES)}",
-                file=table.file,
-                line=table.first_line - 1,
-            )
-        places += found
-    values = table.columns(places)
-    return make_track(sensor, times, table.file, specific_forces=values[:, :3], angular_rates=np.radians(values[:, 3:]))
-
-
-def _times(table: Table, rate: float | None) -> Floats[Array, "samples"]:
-    """Seconds: told by the first column if its steps are no whole numbers, else counted."""
-    first = table.columns([0])[:, 0]
-    steps = np.diff(first)
-    told = np.isfinite(first).all() and table.names[0] not in _AXES and bool((steps > 0).all())
-    if told and bool((steps % 1 != 0).any()):
-        return first
-    if rate is None:
-        raise FormatError(
-            "the table counts samples, and does not say how many come a second",
-            remedy="Name the rate (--source-rate HZ)",
-            file=table.file,
-        )
-    counted = first if told else np.arange(len(first), dtype=np.float64)
-    return np.asarray((counted - counted[0]) / rate)
-
-
-def _read_numbered(path: Path, rate: float | None) -> ImuTrack:
     table = read_table(path)
-    stated = next((found.group(1) for line in table.comments if (found := _RATE.search(line))), None)
-    pace = rate if rate is not None else float(stated) if stated else None
-    if pace is None:
-        raise FormatError(
-            "the file does not say how many samples come a second", remedy="Name the rate (--source-rate HZ)", file=path
+    columns = table_columns(table)
+    mapped = choices.columns
+    sensors = mapped_sensors(table, columns, mapped) if mapped and mapped.sensors else sensors_of(table, columns)
+    stated = next((float(found.group(1)) for line in table.comments if (found := _RATE.search(line))), None)
+    rate = choices.rate or (mapped.rate if mapped else None)
+    try:
+        times, said = table_times(
+            table,
+            columns,
+            TimeChoice(
+                rate,
+                choices.setting("time_unit", choices.time_unit),
+                choices.setting("time", ""),
+                stated,
+            ),
         )
-    values = table.columns(table.find(*_NUMBERED))
-    return make_track(
-        path.stem.rpartition("-")[2],
-        np.arange(len(values)) / pace,
-        path,
-        specific_forces=values[:, :3],
-        angular_rates=values[:, 3:],
-        quats_wxyz=table.columns(table.find(*_TURNED)) if set(_TURNED) <= set(table.names) else None,
+        notes = [f"text with {table.dialect}"] if table.dialect else []
+        return _tracks(table, sensors, times, choices, [*notes, said], stated is not None)
+    except FormatError as error:
+        raise error if error.file else error.at(path) from None
+
+
+def _tracks(
+    table: Table,
+    sensors: list[SensorColumns],
+    times: Floats[Array, "rows"],
+    choices: ImuChoices,
+    notes: list[str],
+    numbered: bool,
+) -> tuple[ImuTrack, ...]:
+    step = usual_step(times)
+    forces = {i: table.columns(sensor.force) for i, sensor in enumerate(sensors) if sensor.force}
+    if forces:
+        size, said = _force_size(list(forces.values()), sensors, step, choices)
+        forces = {i: size * force for i, force in forces.items()}
+        notes.append(said)
+    rates = {i: table.columns(sensor.rate) for i, sensor in enumerate(sensors) if sensor.rate}
+    quats: dict[int, Floats[Array, "rows 4"]] = {}
+    order = choices.setting("quaternion_order", choices.quat_order)
+    for i, sensor in enumerate(sensors):
+        if sensor.quat and order != NO_QUATS:
+            cells = table.columns(sensor.quat)
+            named = sensor.quat_order == "wxyz" and choices.columns is None
+            chosen = "" if named and order == "wxyz" else order
+            quats[i], said = settle_quats(cells, sensor.quat_order, forces.get(i), rates.get(i), step, chosen)
+            notes.append(said if len(sensors) == 1 else f"{sensor.name}: {said}")
+    if rates:
+        moving = any(stirred(force) for force in forces.values()) or not forces
+        unit, said = _rate_unit(rates, forces, quats, sensors, step, moving, choices)
+        notes.append(said)
+        rates = {i: _in_radians(rate, unit) for i, rate in rates.items()}
+    single = table.file.stem.rpartition("-")[2] if numbered else table.file.stem
+    return tuple(
+        make_track(
+            sensor.name or single,
+            times,
+            table.file,
+            specific_forces=forces.get(i),
+            angular_rates=rates.get(i),
+            quats_wxyz=quats.get(i),
+            notes=notes,
+        )
+        for i, sensor in enumerate(sensors)
     )
+
+
+def _force_size(
+    forces: list[Floats[Array, "rows 3"]], sensors: list[SensorColumns], step: float, choices: ImuChoices
+) -> tuple[float, str]:
+    """m/s^2 in one unit, and how that is known."""
+    chosen = choices.setting("accel_unit", choices.accel_unit)
+    linear = any(sensor.linear for sensor in sensors)
+    named = next((unit for sensor in sensors if (unit := sensor.units.get(FORCE))), "")
+    if not chosen:
+        unit, said = force_unit(forces, step, named, linear)
+        return FORCE_UNITS[unit], said
+    size = parse_unit(chosen, FORCE_UNITS, "acceleration")
+    rests = [rest.length for force in forces if (rest := find_rest(force, step)) is not None]
+    if not rests:
+        force_unit(forces, step, named, linear)  # says that gravity is missing
+    return size, f"specific force in {chosen}, as given: {size * float(np.median(rests)):.4g} m/s2 at rest"
+
+
+def _rate_unit(
+    rates: dict[int, Floats[Array, "rows 3"]],
+    forces: dict[int, Floats[Array, "rows 3"]],
+    quats: dict[int, Floats[Array, "rows 4"]],
+    sensors: list[SensorColumns],
+    step: float,
+    moving: bool,
+    choices: ImuChoices,
+) -> tuple[str, str]:
+    chosen = choices.setting("gyro_unit", choices.gyro_unit)
+    if chosen:
+        parse_unit(chosen, RATE_UNITS, "angular rate")
+        return chosen, f"angular rate in {chosen}, as given"
+    named = next((unit for sensor in sensors if (unit := sensor.units.get(RATE))), "")
+    turning = {i: found for i in rates if i in quats and (found := turning_of(quats[i], step)) is not None}
+    felt = [(rates[i], forces[i]) for i in rates if i in forces]
+    return rate_unit(
+        [rates[i] for i in (turning or rates)],
+        moving,
+        [turning[i] for i in turning],
+        [rate for rate, _ in felt],
+        [force for _, force in felt],
+        step,
+        named,
+    )
+
+
+def _in_radians(rate: Floats[Array, "rows 3"], unit: str) -> Floats[Array, "rows 3"]:
+    return np.radians(rate) if unit == "deg/s" else parse_unit(unit, RATE_UNITS, "angular rate") * rate

@@ -1,5 +1,6 @@
 """What one inertial sensor wrote down, in poseloom's units, on its own clock."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from poseloom.arrays import Array, Floats, frozen_float
 from poseloom.errors import FormatError
+from poseloom.formats.table_times import usual_step
 from poseloom.rotations import quat_from_matrix, quat_multiply
 
 STANDARD_GRAVITY = 9.80665
@@ -28,6 +30,7 @@ class ImuTrack:
         angular_rates: rad/s, sensor frame; NaN = missing or not measured.
         quats_wxyz: `R_world_sensor` in a world whose y points up; its heading is the file's own. NaN = not told.
         file: Where it was read.
+        notes: What was found out of units, clocks and orders, in words.
     """
 
     name: str
@@ -36,14 +39,15 @@ class ImuTrack:
     angular_rates: Floats[Array, "samples 3"]
     quats_wxyz: Floats[Array, "samples 4"]
     file: Path
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times)
 
     @property
     def step(self) -> float:
-        """Seconds between samples (the median)."""
-        return float(np.median(np.diff(self.times)))
+        """Seconds between samples: the median, or a mean where the times are rounded coarsely."""
+        return usual_step(self.times)
 
 
 def make_track(
@@ -54,6 +58,7 @@ def make_track(
     specific_forces: ArrayLike | None = None,
     angular_rates: ArrayLike | None = None,
     quats_wxyz: ArrayLike | None = None,
+    notes: Iterable[str] = (),
 ) -> ImuTrack:
     """Checks and freezes a track. Half-missing vectors count as missing; samples whose time repeats are dropped.
 
@@ -64,6 +69,7 @@ def make_track(
         specific_forces: m/s^2, sensor frame.
         angular_rates: rad/s, sensor frame.
         quats_wxyz: Of any length but nought, in a world whose z points up.
+        notes: How units, clocks and orders were found.
 
     Raises:
         FormatError: for fewer than two samples, times that go back, or infinite numbers.
@@ -92,7 +98,8 @@ def make_track(
         columns.append(column)
     length = np.linalg.norm(columns[2], axis=1, keepdims=True)
     columns[2] = quat_multiply(_Q_YUP_ZUP, columns[2] / np.where(length > 0.1, length, np.nan))
-    return ImuTrack(name, frozen_float(moments), *(frozen_float(column) for column in columns), file=file)
+    forces, rates, turned = (frozen_float(column) for column in columns)
+    return ImuTrack(name, frozen_float(moments), forces, rates, turned, file, tuple(notes))
 
 
 def quats_from_columns(cells: Floats[Array, "samples 9"]) -> Floats[Array, "samples 4"]:

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from poseloom.arrays import Array, Floats
-from poseloom.formats.imus.tables import read_table
 from poseloom.formats.imus.tracks import STANDARD_GRAVITY, ImuTrack, make_track
+from poseloom.formats.text_tables import read_table
 
 _INERTIAL, _QUATERNION = "Inertial.csv", "Quaternion.csv"
 _FOLDER = re.compile(r"^(?P<name>.+) (?P<serial>[0-9A-F]{8}) \((?P<connection>[^)]+)\)$")

@@ -13,8 +13,8 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
-from poseloom.formats.imus.tables import Table, read_table
 from poseloom.formats.imus.tracks import ImuTrack, make_track, quats_from_columns
+from poseloom.formats.text_tables import Table, read_table
 
 _WRAP = 65536
 _RATE = re.compile(r"Update Rate:\s*([0-9.]+)\s*Hz")
@@ -69,7 +69,7 @@ def _unwrapped(counter: Floats[Array, "packets"], table: Table) -> Floats[Array,
             "this line has no packet counter",
             remedy="Mend or cut out that line",
             file=table.file,
-            line=table.first_line + int(lost[0]),
+            line=table.lines[int(lost[0])],
         )
     steps = np.diff(counter)
     return counter + _WRAP * np.concatenate([[0.0], np.cumsum(steps < -_WRAP / 2)])
