@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from poseloom.errors import MethodError
-from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor, reconstruct
+from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
 from poseloom.methods.flex.root import OnItsFeet, RootSettings, on_its_feet
 from poseloom.methods.flex.stride import NO_STRIDE, StrideSettings, follow_stride, stepping, walking_speed
+from poseloom.methods.reconstruction import reconstruct
 from poseloom.rotations import (
     geodesic_angle,
     heading_angle,

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poseloom.live.alignment import Alignment, aligned, facing_ahead
 from poseloom.live.clock import ClockSettings, DeviceClock, step_clock
 from poseloom.live.contract import Trouble
 from poseloom.live.endless import endless_motion
@@ -18,6 +17,7 @@ from poseloom.live.pacing import Pace, step_pace
 from poseloom.live.readings import Packet, Reading
 from poseloom.live.virtual import virtual_recording
 from poseloom.live.watch import Watch, new_findings
+from poseloom.methods.alignment import Alignment, aligned, facing_ahead
 from poseloom.rotations import heading_matrix, matrix_from_quat, quat_from_matrix
 from poseloom.samples import sample_motions
 from poseloom.sensors import Sample, default_placements, layout, place_sensors

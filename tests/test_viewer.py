@@ -492,7 +492,7 @@ def test_what_cannot_be_shown_is_refused(walk_file: Path, tmp_path: Path):
     with pytest.raises(MethodError, match="needs a motion library"):
         load_take([walk_file], Wanted(("local-gaussian",)))
     with pytest.raises(ViewerError, match="--method"):
-        load_take([without_truth(Path("flex.mcap"), "flex-four", tmp_path)])
+        load_take([without_truth(Path("imu.mcap"), "right-foot-imu", tmp_path)])
     with pytest.raises(PoseloomError, match="no such file"):
         load_take([tmp_path / "none.mcap"])
 

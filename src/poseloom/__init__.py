@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from poseloom.formats import read_motions, write_motion
     from poseloom.formats.recording import read_recording, write_recording
     from poseloom.library import MotionLibrary, build_library, open_library
-    from poseloom.methods.contract import Frame, Reconstruction, Reconstructor, reconstruct
+    from poseloom.methods.contract import Frame, Reconstructor
+    from poseloom.methods.reconstruction import Reconstruction, reconstruct
     from poseloom.methods.trackers import InverseKinematics, LocalFilter, LocalRegression
     from poseloom.report.html import write_report
     from poseloom.samples import sample_motions
@@ -36,7 +37,7 @@ _HOMES = {
     "Motion": "skeleton.motion",
     "MotionLibrary": "library",
     "PoseloomError": "errors",
-    "Reconstruction": "methods.contract",
+    "Reconstruction": "methods.reconstruction",
     "Reconstructor": "methods.contract",
     "Recording": "sensors.recording",
     "Skeleton": "skeleton.skeleton",
@@ -49,7 +50,7 @@ _HOMES = {
     "open_library": "library",
     "read_motions": "formats",
     "read_recording": "formats.recording",
-    "reconstruct": "methods.contract",
+    "reconstruct": "methods.reconstruction",
     "retarget": "skeleton.retarget",
     "sample_motions": "samples",
     "simulate_imus": "synthesis.imus",

@@ -1,11 +1,10 @@
-"""`poseloom live`, `resolve` and `simulate-device`: sessions with real or simulated devices, and their recordings."""
+"""`poseloom live` and `simulate-device`: sessions with real or simulated devices."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from poseloom.cli._progress import progress_bars
 from poseloom.errors import PoseloomError, SensorError, unknown_name
 
 if TYPE_CHECKING:
@@ -19,7 +18,6 @@ _DEVICES = ("vmc", "udp", "udp-binary", "serial")
 def register(app: typer.Typer) -> None:
     """Adds the commands."""
     app.command("live")(live)
-    app.command("resolve")(resolve)
     app.command("simulate-device")(simulate_device)
 
 
@@ -150,48 +148,6 @@ def _tell(console: object, summary: "SessionSummary") -> None:
     for path in summary.recordings:
         table.add_row("recorded", str(path))
     console.print(table)
-
-
-def resolve(
-    recording: Annotated[Path, typer.Argument(help="A live session's recording (.mcap).", metavar="REC")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The motion: .bvh, .glb, .npz or .csv.")],
-    method: Annotated[
-        str | None, typer.Option("--method", "-m", help="How; the session's own method unless given.")
-    ] = None,
-    library: Annotated[
-        Path | None, typer.Option("--library", "-l", help="Folder of a library; the session's unless given.")
-    ] = None,
-    model: Annotated[Path | None, typer.Option("--model", help="A fitted model; the session's unless given.")] = None,
-) -> None:
-    """Solve a live session's recording again: with the same method bit for bit, or with another.
-
-    Example: poseloom resolve session.mcap --method inverse-kinematics -o again.bvh
-    """
-    from rich.console import Console
-
-    from poseloom.formats.session_recording import read_session
-    from poseloom.live.resolving import resolve as solve_again
-    from poseloom.live.resolving_settings import method_for
-    from poseloom.live.sinks.motion_export import check_export, export_motion
-
-    check_export(output)
-    session = read_session(recording)
-    chosen, how, differences = method_for(session, method, library, model)
-    with progress_bars() as show:
-        total = len(session.recording)
-        result = solve_again(session, chosen, lambda done: show("Solving again", done, total))
-    export_motion(result.motion, output)
-    console = Console()
-    console.print(f"{output}: {len(result.q):,} poses by {how}", highlight=False)
-    for difference in differences:
-        console.print(difference, highlight=False)
-    if result.compared:
-        same = "all the same" if result.identical == result.compared else f"{result.identical:,} the same"
-        console.print(
-            f"beside the session's own {result.compared:,} poses: {same} in every bit, "
-            f"largest difference {result.largest:.3g}",
-            highlight=False,
-        )
 
 
 def simulate_device(

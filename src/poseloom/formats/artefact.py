@@ -176,6 +176,15 @@ def _check_sizes(archive: zipfile.ZipFile, size: int, file: Path) -> None:
         )
 
 
+def artefact_kind(path: str | Path) -> tuple[str, Mapping[str, Any]]:
+    """The kind of a fitted thing, and its own header, without its arrays. Raises FormatError as `read_artefact`."""
+    file = Path(path)
+    with open_regular(file) as stream, reading(file), zipfile.ZipFile(stream) as archive:
+        _check_sizes(archive, os.fstat(stream.fileno()).st_size, file)
+        artefact = _artefact(_read_header(archive, file), {})
+    return artefact.kind, artefact.header
+
+
 def _read_header(archive: zipfile.ZipFile, file: Path) -> dict[str, Any]:
     if _HEADER not in archive.namelist():
         raise FormatError(

@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ class MotionLibrary:
         mirror: Whether it holds mirror images.
         digest: SHA-256 of the poses, for tables of results.
         history: How it was built and added to.
+        allowed: Mask over the poses, False for those that a method must not use; None: all may be used.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class MotionLibrary:
     digest: str
     history: tuple[Mapping[str, Any], ...]
     _generation: Path
+    allowed: Bools[Array, "poses"] | None = None
     _indexes: dict[FeatureSettings, MomentIndex] = field(default_factory=dict[FeatureSettings, MomentIndex], repr=False)
 
     def __len__(self) -> int:
@@ -102,6 +104,10 @@ class MotionLibrary:
             if clip.take in out_takes:
                 mask[clip.rows] = False
         return mask
+
+    def restricted(self, allowed: Bools[Array, "poses"] | None) -> "MotionLibrary":
+        """The same library, of whose poses a method may use only the allowed ones; None: all."""
+        return replace(self, allowed=allowed)
 
     def moments(self, settings: FeatureSettings) -> MomentIndex:
         """The searchable moments, described by these features; indexed on first request, then kept beside the poses.

@@ -8,12 +8,13 @@ from typing import Any
 
 from poseloom.calibration.calibration import Calibration
 from poseloom.errors import PoseloomError, unknown_name
-from poseloom.live.alignment import facing_ahead
 from poseloom.live.contract import Level, SessionFacts
 from poseloom.live.recording_desk import RecordingDesk
 from poseloom.live.session_plan import SessionPlan
 from poseloom.live.sinks.outlet import Outlet, Tell
-from poseloom.live.worker import Engine, MethodWorker, warm_up
+from poseloom.live.worker import MethodWorker, warm_up
+from poseloom.methods.alignment import facing_ahead
+from poseloom.methods.fold import Engine
 from poseloom.sensors import SensorKind
 from poseloom.skeleton.motion import Pose
 

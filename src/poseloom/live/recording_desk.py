@@ -10,7 +10,8 @@ from poseloom.formats.session_recording import MethodStart
 from poseloom.live.contract import Finding, Level, SessionFacts
 from poseloom.live.sinks.outlet import Tell
 from poseloom.live.sinks.recorder import Recorder
-from poseloom.live.worker import Engine, Worked
+from poseloom.live.worker import Worked
+from poseloom.methods.fold import Engine
 from poseloom.sensors import Sample
 
 

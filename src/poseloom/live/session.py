@@ -31,7 +31,8 @@ from poseloom.live.recording_desk import RecordingDesk
 from poseloom.live.session_plan import SessionPlan, SessionSummary
 from poseloom.live.sinks.outlet import Outlet
 from poseloom.live.watch import Watch, WatchState, ended_findings, new_findings
-from poseloom.live.worker import Engine, MethodWorker, Worked, warm_up
+from poseloom.live.worker import MethodWorker, Worked, warm_up
+from poseloom.methods.fold import Engine
 from poseloom.sensors import Sample
 
 _TICK = 0.01
@@ -137,6 +138,8 @@ class Session:
             self._loop = asyncio.get_running_loop()
             self._began = began = time.monotonic()
             self._worker.start()
+            for note in plan.notes:
+                self.tell(Level.NOTE, note)
             for command in self._early:
                 self._command(command)
             await self._listen()

@@ -32,6 +32,7 @@ class SessionPlan:
         seconds: When to end; None: when the sources do, or on demand.
         capacity: Samples that may wait for the method.
         patience: Seconds for which one may wait if a newer one waits, too.
+        notes: What people are told when the session begins.
         thin: Whether samples beyond the layout's rate are left out; not where a recording is played faster.
     """
 
@@ -50,6 +51,7 @@ class SessionPlan:
     seconds: float | None = None
     capacity: int = 8
     patience: float = 0.05
+    notes: tuple[str, ...] = ()
     thin: bool = True
 
 

@@ -1,27 +1,26 @@
 """From what a person asked for, on the command line or in a file, to the plan of a session."""
 
-import hashlib
 import json
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, cast
 
 from poseloom.calibration.calibration import read_calibration
-from poseloom.errors import FormatError, MethodError, PoseloomError, SensorError, unknown_name
+from poseloom.errors import FormatError, SensorError, unknown_name
 from poseloom.library import MotionLibrary, open_library
 from poseloom.live.contract import Sink
+from poseloom.live.reprocess import CONFIGURATION, LIBRARY_DIGEST, MODEL_DIGEST, file_sha256
 from poseloom.live.session_plan import SessionPlan
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource
 from poseloom.live.specifications import LOOPBACK, make_sender, make_source
-from poseloom.methods import DEFAULT_METHOD, METHODS, make_method, needs_library, needs_model
-from poseloom.methods.contract import Reconstructor
+from poseloom.methods.choose import default_method, maker, ready_methods
+from poseloom.methods.reconstruction import rate_note
 from poseloom.sensors import (
     Placement,
-    SensorKind,
     SensorLayout,
     SensorSpec,
     default_placements,
@@ -29,11 +28,9 @@ from poseloom.sensors import (
     layout_names,
     make_layout,
 )
+from poseloom.sensors.rate import resample_recording, same_rate
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.skeleton import Skeleton
-
-_WITH_LIBRARY, _WITHOUT_LIBRARY = DEFAULT_METHOD, "inverse-kinematics"
-"""Methods for trackers unless one is named."""
 
 
 @dataclass(frozen=True)
@@ -138,11 +135,10 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
     sources = tuple(make_source(text, settings.bind) for text in settings.source)
     heard = joint_layout(sources, settings.layout)
     library = open_library(Path(settings.library)) if settings.library else None
-    make, names = _methods(heard, library, Path(settings.model) if settings.model else None)
-    method = settings.method or _default(heard, library)
-    if method not in METHODS:
-        raise unknown_name("method", method, METHODS, MethodError)
-    worn = make(method).layout
+    make = maker(heard, library, settings.model or None)
+    method = settings.method or default_method(heard, library, settings.model or None)
+    worn = replace(heard, rate=make(method).layout.rate)
+    sources, notes = _at_the_sessions_rate(sources, worn.rate)
     skeleton, placements, calibrated = _wearer(settings, sources, worn)
     exports = (MotionExport(Path(settings.export)),) if settings.export else ()
     return SessionPlan(
@@ -153,12 +149,13 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
         method=method,
         make=make,
         sinks=(*(make_sender(text) for text in settings.send), *exports, *sinks),
-        methods=tuple(dict.fromkeys((method, *names))),
+        methods=tuple(dict.fromkeys((method, *ready_methods(heard, library)))),
         calibrated=calibrated,
         record=Path(settings.record) if settings.record else None,
         folder=Path(settings.folder),
         settings=_told(settings, library),
         seconds=settings.seconds or None,
+        notes=notes,
         thin=all(source.speed == 1.0 for source in sources if isinstance(source, ReplaySource)),
     )
 
@@ -188,45 +185,17 @@ def joint_layout(sources: Sequence[Source], name: str) -> SensorLayout:
     return make_layout("+".join(source.layout.name for source in sources), sensors, rate)
 
 
-def _methods(
-    heard: SensorLayout, library: MotionLibrary | None, model: Path | None
-) -> tuple[Callable[[str], Reconstructor[Any]], tuple[str, ...]]:
-    """How methods are made, and which can be chosen."""
-    trackers = all(sensor.kind is SensorKind.TRACKER for sensor in heard.sensors)
-    names = [
-        name
-        for name in METHODS
-        if trackers and not needs_model(name) and (library is not None or not needs_library(name))
-    ]
-
-    made_before: dict[str, Reconstructor[Any]] = {}
-
-    def make(name: str) -> Reconstructor[Any]:
-        if name not in made_before:
-            made_before[name] = make_anew(name)
-        return made_before[name]
-
-    def make_anew(name: str) -> Reconstructor[Any]:
-        rate = library.rate if library is not None and trackers else heard.rate
-        made = make_method(name, replace(heard, rate=rate), library if needs_library(name) else None, model=model)
-        if made.layout.names != heard.names:
-            raise MethodError(
-                f"the method {name!r} listens to {', '.join(made.layout.names)}",
-                cause=f"the sources speak of {', '.join(heard.names)}",
-                remedy="Choose a layout or a model that fits",
-            )
-        return made
-
-    return make, tuple(names)
-
-
-def _default(heard: SensorLayout, library: MotionLibrary | None) -> str:
-    if any(sensor.kind is not SensorKind.TRACKER for sensor in heard.sensors):
-        raise MethodError(
-            f"no method was given for the layout {heard.name!r}",
-            remedy="Give --method and --model; `poseloom methods` lists what there is",
-        )
-    return _WITH_LIBRARY if library is not None else _WITHOUT_LIBRARY
+def _at_the_sessions_rate(sources: Sequence[Source], rate: float) -> tuple[tuple[Source, ...], tuple[str, ...]]:
+    """Recordings that are replayed, resampled to the session's rate as `poseloom reconstruct` would; devices as is."""
+    at_rate: list[Source] = []
+    notes: list[str] = []
+    for source in sources:
+        if isinstance(source, ReplaySource) and not source.loop and not same_rate(source.layout.rate, rate):
+            notes.append(f"{source.name}: {rate_note(source.layout.rate, rate)}")
+            recording = resample_recording(source.recording, rate)
+            source = ReplaySource(recording, source.name, source.speed, source.loop)
+        at_rate.append(source)
+    return tuple(at_rate), tuple(notes)
 
 
 def _wearer(
@@ -256,16 +225,11 @@ def _wearer(
 
 def _told(settings: LiveSettings, library: MotionLibrary | None) -> dict[str, str]:
     """The configuration as a recording keeps it, with digests of what the method was fitted to."""
-    told = {"configuration": json.dumps(asdict(settings))}
+    # Whole paths: the recording may be reprocessed from another folder.
+    whole = {key: str(Path(value).absolute()) for key in ("library", "model") if (value := getattr(settings, key))}
+    told = {CONFIGURATION: json.dumps(asdict(replace(settings, **whole)))}
     if library is not None:
-        told["library digest"] = library.digest
+        told[LIBRARY_DIGEST] = library.digest
     if settings.model:
-        told["model digest"] = _digest(Path(settings.model))
+        told[MODEL_DIGEST] = file_sha256(Path(settings.model))
     return told
-
-
-def _digest(path: Path) -> str:
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise PoseloomError("the file cannot be read", cause=error.strerror or "", file=path) from None

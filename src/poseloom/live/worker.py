@@ -9,33 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from poseloom.live.alignment import NO_ALIGNMENT, Alignment, aligned
-from poseloom.methods.contract import Frame, Reconstructor
+from poseloom.methods.alignment import Alignment, aligned
+from poseloom.methods.contract import Frame
+from poseloom.methods.fold import Engine, advance, begin
 from poseloom.rotations import quat_from_matrix
-from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout, SensorStatus, place_sensors
+from poseloom.sensors import Sample, SensorKind, SensorLayout, SensorStatus, place_sensors
 from poseloom.skeleton.kinematics import forward_kinematics
-from poseloom.skeleton.skeleton import Skeleton
 
 _WARM_UP_STEPS = 12
-
-
-@dataclass(frozen=True, eq=False)
-class Engine:
-    """A method, and what it is started with.
-
-    Attributes:
-        name: The method's name.
-        method: The method.
-        skeleton: The wearer's bones.
-        placements: Where the sensors sit.
-        alignment: How the world is turned before the method hears it.
-    """
-
-    name: str
-    method: Reconstructor[Any]
-    skeleton: Skeleton
-    placements: tuple[Placement, ...]
-    alignment: Alignment = NO_ALIGNMENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +82,7 @@ class MethodWorker:
         self.dropped = 0
         self.steps = 0
         self._engine = engine
-        self._state = engine.method.start(engine.skeleton, engine.placements)
+        self._fold = begin(engine)
         self._deliver, self._failed = deliver, failed
         self._capacity, self._patience = capacity, patience
         self._waiting: deque[Heard | _Restart | None] = deque()
@@ -167,13 +148,12 @@ class MethodWorker:
                 self.dropped += 1
 
     def _begin(self) -> None:
-        self._state = self._engine.method.start(self._engine.skeleton, self._engine.placements)
+        self._fold = begin(self._engine)
 
     def _step(self, heard: Heard) -> None:
         begun = time.monotonic()
         try:
-            sample = aligned(heard.sample, self._engine.alignment)
-            self._state, frame = self._engine.method.step(self._state, sample)
+            self._fold, sample, frame = advance(self._fold, heard.sample)
         # A live session never dies of a sample, whatever it makes a method do.
         except Exception as error:
             self._begin()

@@ -1,14 +1,9 @@
 """Methods that turn samples into poses, and the contract that they keep."""
 
-from poseloom.methods.contract import (
-    Frame,
-    Health,
-    HealthState,
-    Reconstruction,
-    Reconstructor,
-    reconstruct,
-)
-from poseloom.methods.registry import DEFAULT_METHOD, METHODS, make_method, needs_library, needs_model
+from poseloom.methods.choose import Chosen, choose
+from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
+from poseloom.methods.reconstruction import Reconstruction, reconstruct
+from poseloom.methods.registry import DEFAULT_METHOD, METHODS, MethodEntry, make_method, needs_library, needs_model
 from poseloom.methods.trackers import (
     InverseKinematics,
     LocalFilter,
@@ -26,6 +21,7 @@ from poseloom.methods.trackers import (
 __all__ = [
     "DEFAULT_METHOD",
     "METHODS",
+    "Chosen",
     "Frame",
     "Health",
     "HealthState",
@@ -35,6 +31,7 @@ __all__ = [
     "LocalPca",
     "LocalPcr",
     "LocalRegression",
+    "MethodEntry",
     "NearestExample",
     "NeighbourMethod",
     "NeighbourSettings",
@@ -42,6 +39,7 @@ __all__ = [
     "Reconstruction",
     "Reconstructor",
     "TrackerSettings",
+    "choose",
     "make_method",
     "needs_library",
     "needs_model",

@@ -2,18 +2,15 @@
 
 import abc
 import enum
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-import numpy as np
-
-from poseloom.arrays import Array, Floats, Ints, frozen_float
+from poseloom.arrays import Array, Floats
 from poseloom.errors import MethodError
-from poseloom.sensors import Placement, Recording, Sample, SensorLayout
+from poseloom.sensors import Placement, Sample, SensorLayout
 from poseloom.skeleton.body import BODY_BONES
-from poseloom.skeleton.motion import Motion, Pose, make_motion
+from poseloom.skeleton.motion import Pose
 from poseloom.skeleton.skeleton import Skeleton
 
 State = TypeVar("State")
@@ -67,10 +64,13 @@ class Reconstructor(abc.ABC, Generic[State]):
     Attributes:
         layout: Which sensors it listens to and at what rate.
         delay: Samples between hearing a moment and speaking of it.
+        any_rate: Whether `step` takes samples of any rate; a recording of another rate than the layout's is resampled
+            for a method that does not (see `poseloom.sensors.rate`).
     """
 
     layout: SensorLayout
     delay: int = 0
+    any_rate: bool = False
 
     @abc.abstractmethod
     def start(self, skeleton: Skeleton, placements: Sequence[Placement]) -> State:
@@ -101,74 +101,3 @@ def check_wearer(who: str, layout: SensorLayout, skeleton: Skeleton, placements:
             f"the placements are on {', '.join(bones)}; the layout {layout.name!r} has its sensors elsewhere",
             remedy="Give one placement for each sensor of the layout, in its order",
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Reconstruction:
-    """What a method made of a recording.
-
-    Attributes:
-        motion: The estimate, on the wearer's skeleton.
-        samples: Index of the sample to which each frame belongs.
-        times: Device time of each frame, seconds.
-        spread: Standard deviation of each pose-vector entry.
-        health: One a frame.
-        step_seconds: Wall time of each step.
-    """
-
-    motion: Motion
-    samples: Ints[Array, "frames"]
-    times: Floats[Array, "frames"]
-    spread: Floats[Array, "frames dofs"]
-    health: tuple[Health, ...]
-    step_seconds: Floats[Array, "steps"]
-
-
-def reconstruct(
-    method: Reconstructor[State], recording: Recording, progress: Callable[[int], object] | None = None
-) -> Reconstruction:
-    """Runs a method over a recording: a fold over `step`, the very calls that a live session makes.
-
-    Args:
-        method: The method.
-        recording: Samples, the wearer's skeleton and placements. Its truth, if any, is not looked at.
-        progress: Called with the number of samples done.
-
-    Raises:
-        MethodError: if the method's sensors are not the recording's, or nothing came out.
-    """
-    if [s.name for s in recording.layout.sensors] != [s.name for s in method.layout.sensors]:
-        raise MethodError(
-            f"the method listens to the layout {method.layout.name!r}, the recording has {recording.layout.name!r}",
-            remedy="Choose the layout of the recording when you make the method",
-        )
-    state = method.start(recording.skeleton, recording.placements)
-    frames: list[Frame] = []
-    owners: list[int] = []
-    seconds = np.empty(len(recording))
-    for index in range(len(recording)):
-        sample = recording.sample(index)
-        begin = time.perf_counter()
-        state, frame = method.step(state, sample)
-        seconds[index] = time.perf_counter() - begin
-        if frame is not None:
-            frames.append(frame)
-            owners.append(index - method.delay)
-        if progress is not None:
-            progress(index + 1)
-    if not frames:
-        raise MethodError(
-            f"no frame came of {len(recording)} samples",
-            cause=f"the method speaks {method.delay} samples late",
-            remedy="Give a longer recording",
-        )
-    return Reconstruction(
-        motion=make_motion(
-            recording.skeleton, np.stack([frame.pose.q for frame in frames]), recording.layout.rate, recording.name
-        ),
-        samples=np.array(owners, dtype=np.int64),
-        times=np.array([frame.time for frame in frames]),
-        spread=frozen_float(np.stack([frame.spread for frame in frames])),
-        health=tuple(frame.health for frame in frames),
-        step_seconds=seconds,
-    )

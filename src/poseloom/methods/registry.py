@@ -1,5 +1,6 @@
-"""Methods by name, for the command line, the evaluation and the live path."""
+"""Methods by name: a table of data. `poseloom.methods.choose` makes one ready for a request."""
 
+import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,42 +19,103 @@ from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
 from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
 from poseloom.methods.trackers.local_filter import LocalFilter
 from poseloom.methods.trackers.neighbours import NeighbourMethod
-from poseloom.sensors import SensorLayout
+from poseloom.sensors import SensorKind, SensorLayout
+
+Make = Callable[[SensorLayout, MotionLibrary | None, Path | None], Reconstructor[Any]]
+"""Makes a method of a layout, a library and a model's file. What `needs` says is there; the rest may be None."""
+
+
+class Needs(enum.StrEnum):
+    """What a method is made of besides its layout."""
+
+    NOTHING = "nothing"
+    LIBRARY = "a library"
+    MODEL = "a model"
 
 
 @dataclass(frozen=True)
 class MethodEntry:
-    """A method that can be named.
+    """A method that can be named. An entry that is incomplete is refused when it is made, at import.
 
     Attributes:
         summary: What it is, in half a line.
-        kind: Its class, for methods that ask a library; None for those that need none.
-        load: Reads its fitted model from a file, for methods that are fitted first; None for the others.
+        sensors: The kind of sensors without which it cannot run.
+        needs: What it is made of.
+        make: Makes it.
         shipped: The model that travels with the package, used where none is named; None where none does.
+        kind: Its class, where other settings than the tuned ones can be given.
+
+    Raises:
+        TypeError: for an entry that lacks something, or says one thing here and another there.
     """
 
     summary: str
-    kind: type[NeighbourMethod] | None = None
-    load: Callable[[Path], Reconstructor[Any]] | None = None
+    sensors: SensorKind
+    needs: Needs
+    make: Make
     shipped: Path | None = None
+    kind: type[NeighbourMethod] | None = None
 
+    def __post_init__(self) -> None:
+        faults = {
+            "no summary": not self.summary,
+            "no known kind of sensors": self.sensors not in set(SensorKind),
+            "no known needs": self.needs not in set(Needs),
+            "nothing that makes it": not callable(self.make),
+            "a shipped model that it does not need": self.shipped is not None and self.needs is not Needs.MODEL,
+        }
+        found = [fault for fault, there in faults.items() if there]
+        if found:
+            raise TypeError(f"the method {self.summary!r} has {', '.join(found)}")
+
+    def fits(self, layout: SensorLayout) -> bool:
+        """Whether a layout has the sensors that it needs, and no others that it cannot use."""
+        kinds = {sensor.kind for sensor in layout.sensors}
+        usable = {SensorKind.FLEX, SensorKind.IMU} if self.sensors is SensorKind.FLEX else {self.sensors}
+        return self.sensors in kinds <= usable
+
+
+def _from_library(summary: str, kind: type[NeighbourMethod]) -> MethodEntry:
+    def make(layout: SensorLayout, library: MotionLibrary | None, model: Path | None) -> Reconstructor[Any]:
+        assert library is not None
+        return kind(library, layout)
+
+    return MethodEntry(summary, SensorKind.TRACKER, Needs.LIBRARY, make, kind=kind)
+
+
+def _fitted(
+    summary: str, sensors: SensorKind, load: Callable[[Path], Reconstructor[Any]], shipped: Path | None = None
+) -> MethodEntry:
+    def make(layout: SensorLayout, library: MotionLibrary | None, model: Path | None) -> Reconstructor[Any]:
+        assert model is not None
+        return on_its_feet(load(model), layout)
+
+    return MethodEntry(summary, sensors, Needs.MODEL, make, shipped)
+
+
+_IMU, _FLEX = SensorKind.IMU, SensorKind.FLEX
 
 METHODS: Mapping[str, MethodEntry] = MappingProxyType(
     {
-        "local-filter": MethodEntry("the nearest moments as a Kalman filter, given the sensors", LocalFilter),
-        "local-gaussian": MethodEntry("the nearest moments' mean and covariance, given the sensors", LocalGaussian),
-        "local-regression": MethodEntry("the six-sensor paper's local model, mended", LocalRegression),
-        "local-pcr": MethodEntry("local principal component regression (Liu et al. 2011)", LocalPcr),
-        "local-pca": MethodEntry("local PCA of the neighbours' poses (Chai and Hodgins 2005)", LocalPca),
-        "nearest-example": MethodEntry("the nearest moment's pose, bent to the sensors", NearestExample),
-        "inverse-kinematics": MethodEntry("the previous pose, bent to the sensors; no library"),
-        "phase-hmm": MethodEntry("one to three IMUs: a two-level HMM over signal windows", load=read_phase_hmm),
-        "phase-hmm-paper": MethodEntry("the single-IMU paper's model: one sample a state", load=read_phase_hmm),
-        **{name: MethodEntry(each.summary, load=loader(name)) for name, each in COMPARATORS.items()},
-        "flex-scales": MethodEntry(
-            "four flex sensors: filters over many time scales and an LSTM", load=load_flex_scales, shipped=SHIPPED_MODEL
+        "local-filter": _from_library("the nearest moments as a Kalman filter, given the sensors", LocalFilter),
+        "local-gaussian": _from_library("the nearest moments' mean and covariance, given the sensors", LocalGaussian),
+        "local-regression": _from_library("the six-sensor paper's local model, mended", LocalRegression),
+        "local-pcr": _from_library("local principal component regression (Liu et al. 2011)", LocalPcr),
+        "local-pca": _from_library("local PCA of the neighbours' poses (Chai and Hodgins 2005)", LocalPca),
+        "nearest-example": _from_library("the nearest moment's pose, bent to the sensors", NearestExample),
+        "inverse-kinematics": MethodEntry(
+            "the previous pose, bent to the sensors; no library",
+            SensorKind.TRACKER,
+            Needs.NOTHING,
+            lambda layout, library, model: InverseKinematics(layout),
         ),
-        "flex-lstm": MethodEntry("four flex sensors: the flex paper's calibrating Bi-LSTM", load=load_flex_lstm),
+        "phase-hmm": _fitted("one to three IMUs: a two-level HMM over signal windows", _IMU, read_phase_hmm),
+        "phase-hmm-paper": _fitted("the single-IMU paper's model: one sample a state", _IMU, read_phase_hmm),
+        **{name: _fitted(each.summary, _IMU, loader(name)) for name, each in COMPARATORS.items()},
+        "flex-scales": _fitted(
+            "four flex sensors: filters over many time scales and an LSTM", _FLEX, load_flex_scales, SHIPPED_MODEL
+        ),
+        "flex-lstm": _fitted("four flex sensors: the flex paper's calibrating Bi-LSTM", _FLEX, load_flex_lstm),
     }
 )
 """Every method, the recommended one first."""
@@ -64,12 +126,12 @@ DEFAULT_METHOD = next(iter(METHODS))
 
 def needs_library(name: str) -> bool:
     """Whether a method asks a motion library. Raises MethodError for an unknown name."""
-    return _entry(name).kind is not None
+    return entry_of(name).needs is Needs.LIBRARY
 
 
 def needs_model(name: str) -> bool:
     """Whether a method runs a fitted model. Raises MethodError for an unknown name."""
-    return _entry(name).load is not None
+    return entry_of(name).needs is Needs.MODEL
 
 
 def make_method(
@@ -77,9 +139,9 @@ def make_method(
     layout: SensorLayout,
     library: MotionLibrary | None = None,
     allowed: Bools[Array, "poses"] | None = None,
-    model: Path | None = None,
+    model: str | Path | None = None,
 ) -> Reconstructor[Any]:
-    """A method by name, with its tuned settings.
+    """A method by name, with its tuned settings; `poseloom.methods.choose` also opens libraries and finds the rate.
 
     Args:
         name: One of `METHODS`.
@@ -93,27 +155,25 @@ def make_method(
         MethodError: for an unknown name, or a library or model that is missing.
         FormatError: for a file that holds no such model.
     """
-    entry = _entry(name)
-    if entry.load is not None:
-        model = entry.shipped if model is None else model
-        if model is None:
-            raise MethodError(
-                f"the method {name!r} needs a fitted model",
-                remedy=f"Fit one with `poseloom fit {name}` and name it with --model",
-            )
-        return on_its_feet(entry.load(model), layout)
-    kind = entry.kind
-    if kind is None:
-        return InverseKinematics(layout)
-    if library is None:
+    entry = entry_of(name)
+    file = entry.shipped if model is None else Path(model)
+    if entry.needs is Needs.MODEL and file is None:
         raise MethodError(
-            f"the method {name!r} needs a motion library",
-            remedy="Build one with `poseloom library build` and name it with --library, or use inverse-kinematics",
+            f"the method {name!r} needs a fitted model",
+            remedy=f"Fit one with `poseloom fit {name}` and name it with --model",
         )
-    return kind(library, layout, allowed=allowed)
+    if entry.needs is Needs.LIBRARY:
+        if library is None:
+            raise MethodError(
+                f"the method {name!r} needs a motion library",
+                remedy="Build one with `poseloom library build` and name it with --library, or use inverse-kinematics",
+            )
+        library = library if allowed is None else library.restricted(allowed)
+    return entry.make(layout, library, file)
 
 
-def _entry(name: str) -> MethodEntry:
+def entry_of(name: str) -> MethodEntry:
+    """The entry of a name. Raises MethodError, with the nearest name, for an unknown one."""
     if name not in METHODS:
         raise unknown_name("method", name, METHODS, MethodError)
     return METHODS[name]

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from poseloom.arrays import Array, Floats, Ints, frozen, frozen_float
+from poseloom.arrays import Array, Bools, Floats, Ints, frozen, frozen_float
 from poseloom.errors import SensorError
 from poseloom.sensors.layout import SensorLayout
 from poseloom.sensors.placement import Placement
@@ -93,6 +93,17 @@ class Recording:
         columns = {name: getattr(self, name)[part] for name in ("times", "arrivals", *CHANNEL_SHAPES, "status")}
         first, last, _ = part.indices(len(self))
         return replace(self, **columns, truth=None if self.truth is None else self.truth.cut(first, last))
+
+    def only(self, kept: Bools[Array, "samples"]) -> "Recording":
+        """The samples that a mask keeps, without the truth, which has one frame a sample of an even rate.
+
+        Raises:
+            SensorError: if that leaves no sample.
+        """
+        if not kept.any():
+            raise SensorError("no sample is left of the recording", remedy="Keep at least one")
+        columns = {name: frozen(getattr(self, name)[kept]) for name in ("times", "arrivals", *CHANNEL_SHAPES, "status")}
+        return replace(self, **columns, truth=None)
 
 
 def make_recording(

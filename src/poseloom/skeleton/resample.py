@@ -7,10 +7,13 @@ import numpy as np
 from poseloom.arrays import Array, Floats, Ints, frozen_float
 from poseloom.errors import PoseloomError
 from poseloom.rotations import nearest_branch, quat_from_rotvec, rotvec_from_quat, slerp
-from poseloom.skeleton.motion import Motion
+from poseloom.skeleton.motion import Motion, make_motion
+from poseloom.skeleton.skeleton import Skeleton
 
 _COINCIDENCE = 1e-3
 """Instants this near to a frame, in frames, count as that frame: rates in files are rounded (0.00833 s for 120 Hz)."""
+_EVEN = 0.05
+"""Share of a period by which times may be off their even places for poses to be taken as they are."""
 
 
 def resample(motion: Motion, rate: float) -> Motion:
@@ -55,6 +58,24 @@ def interpolate_pose_vectors(
     turns = nearest_branch(rotvec_from_quat(quats), straight[:, 3:].reshape(joints.shape))
     straight[:, 3:] = turns.reshape(len(first), -1)
     return straight
+
+
+def even_motion(
+    skeleton: Skeleton, times: Floats[Array, "frames"], q: Floats[Array, "frames dofs"], rate: float, name: str
+) -> Motion:
+    """Poses at any times as a motion at a rate: as they are where their times are even, else between neighbours.
+
+    A pose whose time is not after all those before it is left out.
+    """
+    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(times)) > 0])
+    times, q = times[rising], q[rising]
+    places = (times - times[0]) * rate
+    if len(times) < 2 or np.abs(places - np.arange(len(times))).max() <= _EVEN:
+        return make_motion(skeleton, q, rate, name)
+    wanted = np.arange(int(np.floor(places[-1])) + 1)
+    before = np.clip(np.searchsorted(places, wanted, side="right") - 1, 0, len(times) - 2)
+    share = (wanted - places[before]) / (places[before + 1] - places[before])
+    return make_motion(skeleton, interpolate_pose_vectors(q[before], q[before + 1], share), rate, name)
 
 
 def frame_instants(count: int, old: float, new: float) -> tuple[Ints[Array, "instants"], Floats[Array, "instants"]]:

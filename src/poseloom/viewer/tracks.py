@@ -1,23 +1,24 @@
 """What `poseloom view` shows: figures along one time, from recordings, motion files and methods."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.calibration.calibration import apply_calibration, read_calibration
-from poseloom.errors import ViewerError
+from poseloom.errors import MethodError, ViewerError
 from poseloom.evaluation import profiles
 from poseloom.formats import read_motion
 from poseloom.formats.glb_reading import read_glb
-from poseloom.formats.recording import read_recording
-from poseloom.library import MotionLibrary, open_library
-from poseloom.methods import make_method, needs_library, reconstruct
-from poseloom.methods.contract import Health, Reconstruction
+from poseloom.formats.session_recording import SessionRecording, read_session
+from poseloom.live.reprocess import plan_reprocessing, reprocess
+from poseloom.methods.choose import default_method
+from poseloom.methods.contract import Health
+from poseloom.methods.reconstruction import Reconstruction
 from poseloom.samples import SAMPLE_PREFIX, sample_motion
-from poseloom.sensors import Recording, SensorKind
+from poseloom.sensors import Recording
 from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.contacts import contacts, floor_height
 from poseloom.skeleton.motion import Motion
@@ -25,8 +26,6 @@ from poseloom.viewer.colours import METHODS, TRUTH, Colour
 
 MOST_FIGURES = 3
 """Truth and two others: more do not fit side by side on a screen."""
-
-_WITHOUT_LIBRARY = "inverse-kinematics"
 
 Progress = Callable[[str, int, int], None]
 
@@ -110,21 +109,23 @@ def load_take(files: Sequence[str | Path], wanted: Wanted | None = None, progres
         PoseloomError: whatever the readers and methods raise.
     """
     how, tell = wanted or Wanted(), progress or _untold
-    recording: Recording | None = None
+    session: SessionRecording | None = None
     motions: list[Motion] = []
     for name in files:
         path = Path(name)
         if path.suffix.lower() == ".mcap":
-            if recording is not None:
+            if session is not None:
                 raise ViewerError("two recordings cannot be shown at once", remedy="Name one .mcap file", file=path)
-            recording = read_recording(path)
+            session = read_session(path)
         else:
             motions.append(_motion(str(name)))
-    if recording is not None and how.calibration is not None:
-        recording = apply_calibration(recording, read_calibration(how.calibration))
+    if session is not None and how.calibration is not None:
+        calibrated = apply_calibration(session.recording, read_calibration(how.calibration))
+        session = replace(session, recording=calibrated)
+    recording = None if session is None else session.recording
     methods = _methods(recording, motions, how)
     _check_count(recording, motions, methods)
-    tracks = _tracks(recording, motions, methods, how, tell)
+    tracks = _tracks(session, motions, methods, how, tell)
     name = recording.name if recording is not None else " and ".join(motion.name for motion in motions)
     duration = max(float(track.times[-1]) for track in tracks)
     truth = recording is not None and recording.truth is not None
@@ -177,12 +178,14 @@ def _methods(recording: Recording | None, motions: Sequence[Motion], how: Wanted
         return ()
     if methods or recording.truth is not None or motions:
         return methods
-    if any(sensor.kind is not SensorKind.TRACKER for sensor in recording.layout.sensors):
+    try:
+        return (default_method(recording.layout, how.library, how.model),)
+    except MethodError as error:
         raise ViewerError(
             "this recording holds no motion, only what the sensors said",
+            cause=str(error),
             remedy="Name a method that makes a motion of it with --method; see `poseloom methods`",
-        )
-    return (_WITHOUT_LIBRARY,)
+        ) from None
 
 
 def _check_count(recording: Recording | None, motions: Sequence[Motion], methods: Sequence[str]) -> None:
@@ -196,32 +199,26 @@ def _check_count(recording: Recording | None, motions: Sequence[Motion], methods
 
 
 def _tracks(
-    recording: Recording | None, motions: Sequence[Motion], methods: Sequence[str], how: Wanted, tell: Progress
+    session: SessionRecording | None, motions: Sequence[Motion], methods: Sequence[str], how: Wanted, tell: Progress
 ) -> list[Track]:
+    recording = None if session is None else session.recording
     tracks: list[Track] = []
     if recording is not None and recording.truth is not None:
         tracks.append(track_of("truth", TRUTH, recording.truth, recording.times - recording.times[0]))
-    library = _library(methods, how)
     others = iter(METHODS)
     for name in methods:
+        assert session is not None
         assert recording is not None
-        made = _reconstruct(name, recording, library, how, tell)
+        made = _reconstruct(name, session, how, tell)
         track = track_of(name, next(others), made.motion, made.times - recording.times[0])
         tracks.append(_with_doubt(track, made))
     tracks += [track_of(motion.name or "motion", next(others), motion) for motion in motions]
     return tracks
 
 
-def _library(methods: Sequence[str], how: Wanted) -> MotionLibrary | None:
-    asked = [name for name in methods if needs_library(name)]
-    return open_library(how.library) if asked and how.library is not None else None
-
-
-def _reconstruct(
-    name: str, recording: Recording, library: MotionLibrary | None, how: Wanted, tell: Progress
-) -> Reconstruction:
-    method = make_method(name, recording.layout, library, model=how.model)
-    return reconstruct(method, recording, lambda done: tell(name, done, len(recording)))
+def _reconstruct(name: str, session: SessionRecording, how: Wanted, tell: Progress) -> Reconstruction:
+    plan = plan_reprocessing(session, name, how.library, how.model)
+    return reprocess(session, plan, lambda done: tell(name, done, len(session.recording)))
 
 
 def _with_doubt(track: Track, made: Reconstruction) -> Track:

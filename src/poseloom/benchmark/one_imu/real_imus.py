@@ -20,7 +20,8 @@ from poseloom.benchmark.one_imu.trials import Question, fitted, pooled
 from poseloom.calibration.imu_alignment import align_imus, turn_to_bones
 from poseloom.evaluation.rows import Results, Row, motions_digest
 from poseloom.formats.imus import assemble_imus, read_imu_tracks
-from poseloom.methods.contract import Reconstruction, Reconstructor, reconstruct
+from poseloom.methods.contract import Reconstructor
+from poseloom.methods.reconstruction import Reconstruction, reconstruct
 from poseloom.rotations import heading_matrix, matrix_from_rotvec, rotvec_from_matrix
 from poseloom.sensors.recording import Recording
 from poseloom.skeleton.motion import Motion, make_motion

@@ -21,7 +21,8 @@ from poseloom.benchmark.one_imu.optical import FIRST_ROW, RATE, OpticalWalk, rea
 from poseloom.calibration.imu_alignment import align_imus, turn_to_bones
 from poseloom.evaluation.rows import Row
 from poseloom.formats.imus import assemble_imus, read_imu_tracks
-from poseloom.methods.contract import Reconstruction, Reconstructor, reconstruct
+from poseloom.methods.contract import Reconstructor
+from poseloom.methods.reconstruction import Reconstruction, reconstruct
 from poseloom.rotations import heading_matrix, rotvec_from_matrix
 from poseloom.sensors.recording import Recording
 from poseloom.skeleton.body import average_body

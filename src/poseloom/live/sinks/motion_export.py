@@ -5,21 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
 from poseloom.formats import write_motion
 from poseloom.formats.atomic import check_folder
 from poseloom.formats.pose_table import write_pose_table
 from poseloom.live.contract import Post, SessionFacts, Update
-from poseloom.skeleton.motion import Motion, make_motion
-from poseloom.skeleton.resample import interpolate_pose_vectors
-from poseloom.skeleton.skeleton import Skeleton
+from poseloom.skeleton.motion import Motion
+from poseloom.skeleton.resample import even_motion
 
 EXPORT_SUFFIXES = (".bvh", ".glb", ".npz", ".csv")
 """What a session can be exported as."""
-
-_EVEN = 0.05
-"""Share of a period by which times may be off their even places for poses to be taken as they are."""
 
 
 def check_export(path: Path) -> None:
@@ -39,19 +34,6 @@ def export_motion(motion: Motion, path: Path) -> None:
         write_pose_table(motion, path)
     else:
         write_motion(motion, path)
-
-
-def even_motion(
-    skeleton: Skeleton, times: Floats[Array, "frames"], q: Floats[Array, "frames dofs"], rate: float, name: str
-) -> Motion:
-    """Poses at any times as a motion at a rate: as they are where their times are even, else between neighbours."""
-    places = (times - times[0]) * rate
-    if len(times) < 2 or np.abs(places - np.arange(len(times))).max() <= _EVEN:
-        return make_motion(skeleton, q, rate, name)
-    wanted = np.arange(int(np.floor(places[-1])) + 1)
-    before = np.clip(np.searchsorted(places, wanted, side="right") - 1, 0, len(times) - 2)
-    share = (wanted - places[before]) / (places[before + 1] - places[before])
-    return make_motion(skeleton, interpolate_pose_vectors(q[before], q[before + 1], share), rate, name)
 
 
 class MotionExport:

@@ -56,6 +56,8 @@ class FlexNetwork(Reconstructor[FlexState]):
         ranges: How the sensors' ranges are learnt.
     """
 
+    any_rate = True
+
     def __init__(self, model: FlexModel, ranges: FlexRange = FlexRange()) -> None:  # noqa: B008 - frozen
         self.model, self.ranges = model, ranges
         self.layout = layout("flex-four")

@@ -143,7 +143,7 @@ class OnItsFeet(Reconstructor[RootState[Inner]]):
         if len(imus) > 1 or any(layout.sensors[i].bone != "hips" for i in imus):
             raise MethodError(f"layout {layout.name!r} has other IMUs than one on the hips", remedy="Leave them out")
         self.method, self.layout, self.settings = method, layout, settings
-        self.delay = method.delay
+        self.delay, self.any_rate = method.delay, method.any_rate
         self._flex = list(layout.of_kind(SensorKind.FLEX))
         self._imu = imus[0] if imus else None
 

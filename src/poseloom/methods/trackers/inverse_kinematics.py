@@ -36,6 +36,8 @@ class InverseKinematics(TrackerMethod):
     the previous pose as the only prior.
     """
 
+    any_rate = True
+
     def __init__(
         self,
         layout: SensorLayout,

@@ -67,7 +67,8 @@ class NeighbourMethod(TrackerMethod):
         neighbours: How neighbours are chosen and weighed.
         query: What the search looks at.
         settings: What all tracker methods share.
-        allowed: Mask over the library's poses: False for those that must not be used (a left-out take). None: all.
+        allowed: Mask over the library's poses: False for those that must not be used (a left-out take). None: those
+            that the library itself allows.
         features: How moments are described, the class's own unless given; bones and query are filled in.
     """
 
@@ -105,7 +106,8 @@ class NeighbourMethod(TrackerMethod):
         )
         self._index: MomentIndex = library.moments(self.features)
         self._poses: Floats32[Array, "poses dofs"] = np.asarray(library.poses)
-        self._exclusion: Exclusion | None = None if allowed is None else self._index.exclusion(allowed)
+        usable = library.allowed if allowed is None else allowed
+        self._exclusion: Exclusion | None = None if usable is None else self._index.exclusion(usable)
 
     @property
     def moments(self) -> int:
