@@ -20,6 +20,12 @@ def import_flex(
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Lines a second, where they carry no time.", min=1.0)] = None,
     unit: Annotated[float | None, typer.Option(help="Seconds in which the time counts; found if left out.")] = None,
+    values: Annotated[
+        str, typer.Option(help="What the values are: counts, volts, millivolts or percent; told if left out.")
+    ] = "",
+    full_scale: Annotated[
+        float | None, typer.Option(help="The value at the converter's upper end, such as 5 for volts.")
+    ] = None,
 ) -> None:
     """Make a recording of a log of four flex sensors, from a memory card or a serial line.
 
@@ -36,13 +42,20 @@ def import_flex(
     if output.suffix.lower() != ".mcap":
         raise SensorError("a recording is an .mcap file", remedy=f"Name {output.with_suffix('.mcap')}", file=output)
     recording, notes = read_flex_log(
-        log, layout("flex-four"), (columns or "").split(",") if columns else (), rate, unit
+        log,
+        layout("flex-four"),
+        (columns or "").split(",") if columns else (),
+        rate,
+        unit,
+        values=values,
+        full_scale=full_scale,
     )
     write_recording(recording, output)
     console = Console()
     for label, text in [("recording", str(output)), *summarise(recording)]:
         console.print(f"{label:<18}{text}", soft_wrap=True, highlight=False, markup=False)
     console.print(f"{notes.good} of {notes.lines} lines used")
+    console.print(notes.said, soft_wrap=True, highlight=False, markup=False)
 
 
 def fit_flex_sensor(

@@ -157,7 +157,7 @@ def table_of_lines(
             break
         at += 1
     numbered = [(first_line + i, lines[i]) for i in range(at, len(lines)) if lines[i].strip()]
-    delimiter = declared or _delimiter([line for _, line in numbered[:_LOOKED_AT]])
+    delimiter = declared or find_delimiter([line for _, line in numbered[:_LOOKED_AT]])
     cells = [(line, split_cells(text, delimiter)) for line, text in numbered]
     if cells and heads is None and comments and _is_numeric(cells[0][1]):
         # numpy and MATLAB write the column names as the last comment
@@ -210,7 +210,7 @@ def _is_numeric(cells: Sequence[str]) -> bool:
     return len(filled) > 0 and sum(is_number(cell) or cell.lower() == "nan" for cell in filled) >= 0.5 * len(filled)
 
 
-def _delimiter(lines: Sequence[str]) -> str:
+def find_delimiter(lines: Sequence[str]) -> str:
     """The first delimiter that parts at least half of the lines into as many cells, numbers below names."""
     for delimiter in _DELIMITERS:
         split = [_trimmed(split_cells(line, delimiter)) for line in lines]
