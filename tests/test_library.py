@@ -14,6 +14,7 @@ import typer
 from poseloom.cli import _app, libraries
 from poseloom.errors import LibraryError
 from poseloom.formats import write_motion
+from poseloom.formats.artefact_arrays import ArtefactArrays
 from poseloom.library import MotionLibrary, SkipKind, add_to_library, build_library, open_library, store
 from poseloom.library import index as index_module
 from poseloom.library.build import six_trackers
@@ -600,7 +601,9 @@ def test_the_header_is_plain_json(built: Path) -> None:
 def test_search_finds_what_is_far_when_all_that_is_near_is_left_out(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     near, far = rng.normal(size=(20_000, 6)), rng.normal(size=(300, 6)) + 30.0
-    cells = index_module._cells(np.concatenate([near, far]).astype(np.float32))
+    columns = np.concatenate([near, far]).astype(np.float32)
+    arrays = ArtefactArrays(index_module._learnt("whole", columns), moments=len(columns))
+    cells = index_module._searchable(arrays, "whole", columns)
     allowed = np.packbits(np.arange(20_300) >= 20_000, bitorder="little")
     found, distances = index_module._search(cells, np.zeros(6), 128, index_module.Exclusion(allowed, 20_300))
     exact = ((far.astype(np.float32).astype(np.float64)) ** 2).sum(axis=1)

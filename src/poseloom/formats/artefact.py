@@ -4,9 +4,7 @@ The file is a zip archive that `numpy.load` opens as `.npz`: `header.json` and o
 content gives the same bytes.
 """
 
-import io
 import json
-import math
 import os
 import zipfile
 from collections.abc import Mapping
@@ -22,6 +20,7 @@ from numpy.typing import NDArray
 from poseloom.arrays import frozen
 from poseloom.errors import FormatError
 from poseloom.formats._files import DAMAGE, open_regular, reading
+from poseloom.formats._npy import read_npy
 from poseloom.formats.atomic import atomic_file
 
 _MAGIC = "poseloom artefact"
@@ -30,8 +29,6 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 _UNPACKED = 1 << 28
 """Bytes beyond the file's own size to which its members may unpack."""
 _MEMBERS = 10_000
-_LONGEST_EMPTY = 100_000
-"""Longest axis of an array that holds nothing: whoever loops over it must come to an end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +130,7 @@ def read_artefact(path: str | Path, kind: str, version: int | None = None) -> Ar
                 _check_sizes(archive, os.fstat(stream.fileno()).st_size, file)
                 content = _read_header(archive, file)
                 arrays = {
-                    name.removesuffix(".npy"): frozen(_read_array(archive, name))
+                    name.removesuffix(".npy"): _read_array(archive, name)
                     for name in archive.namelist()
                     if name.endswith(".npy")
                 }
@@ -200,28 +197,8 @@ def _read_header(archive: zipfile.ZipFile, file: Path) -> dict[str, Any]:
 
 
 def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    # The member is read whole first, which checks its sum; the array is made in it, and so can be no larger.
-    content = archive.read(name)
-    stream = io.BytesIO(content)
-    version = np.lib.format.read_magic(stream)
-    if version == (1, 0):
-        shape, by_column, dtype = np.lib.format.read_array_header_1_0(stream)
-    elif version == (2, 0):
-        shape, by_column, dtype = np.lib.format.read_array_header_2_0(stream)
-    else:
-        raise ValueError(f"array {name!r} has version {version}")
-    room = len(content) - stream.tell()
-    if dtype.kind not in "biufU" or dtype.itemsize == 0:
-        raise ValueError(f"array {name!r} of type {dtype} holds no numbers, truth values or text")
-    if (
-        any(length < 0 for length in shape)
-        or math.prod(shape) * dtype.itemsize != room
-        or max(shape, default=0) > max(room, _LONGEST_EMPTY)
-    ):
-        raise ValueError(f"array {name!r} of shape {shape} does not fit its {room} bytes")
-    flat = np.frombuffer(content, dtype, offset=stream.tell())
-    array = flat.reshape(shape, order="F" if by_column else "C")
-    return np.asarray(array, order="C")
+    with archive.open(name) as member:
+        return frozen(read_npy(member, archive.getinfo(name).file_size, name))
 
 
 def _check_kind(artefact: Artefact, kind: str, version: int | None, file: Path) -> None:

@@ -18,7 +18,7 @@ from poseloom.library.filling import Filling
 from poseloom.library.index import moment_rows
 from poseloom.library.moments import make_moments
 from poseloom.library.pool import in_order
-from poseloom.library.poses import POSES_FILE, PoseWriter, body_digest, map_poses
+from poseloom.library.poses import POSES_FILE, PoseWriter, body_digest, open_poses
 from poseloom.library.sources import UNSTATED, Found, Selection, find_sources
 from poseloom.library.takes import find_takes
 from poseloom.sensors import layout
@@ -205,7 +205,7 @@ def _write(folder: Path, earlier: store.Header | None, job: _Job) -> BuildReport
             rows = writer.rows
         if len(filled.clips) == before:
             raise _nothing(filled.skipped[skipped_before:], earlier is not None)
-        poses = map_poses(generation / POSES_FILE)
+        poses = open_poses(generation / POSES_FILE).values
         takes = find_takes(poses, filled.clips, job.recipe.rate, partial(job.progress, _COMPARING))
         clips = tuple(replace(clip, take=takes[clip.take]) for clip in filled.clips)
         write_catalogue(generation / CATALOGUE_FILE, clips, filled.skipped)

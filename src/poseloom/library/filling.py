@@ -4,7 +4,7 @@ from pathlib import Path
 
 from poseloom.library.catalogue import CATALOGUE_FILE, Clip, SkipKind, Skipped, read_catalogue
 from poseloom.library.conversion import Conversion, NewClip
-from poseloom.library.poses import POSES_FILE, PoseWriter, map_poses
+from poseloom.library.poses import POSES_FILE, PoseWriter, open_poses
 from poseloom.library.sources import Source
 
 _MIRROR_MARK = "~mirror"
@@ -27,7 +27,7 @@ class Filling:
     def take_over(self, generation: Path, writer: PoseWriter) -> None:
         """Starts with all that an earlier generation holds."""
         clips, skipped = read_catalogue(generation / CATALOGUE_FILE)
-        writer.write(map_poses(generation / POSES_FILE))
+        writer.write(open_poses(generation / POSES_FILE).values)
         self.clips += clips
         self.skipped += skipped
         self._names |= {clip.name for clip in clips}

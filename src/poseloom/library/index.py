@@ -1,9 +1,8 @@
 """Finding the moments of a library that are like a given one: features, their principal components, and faiss."""
 
-import json
 import math
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol, cast, runtime_checkable
@@ -13,14 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Bools, Floats, Floats32, Ints
-from poseloom.errors import LibraryError
+from poseloom.errors import FormatError, LibraryError
+from poseloom.formats.artefact_arrays import ArtefactArrays
+from poseloom.formats.atomic import naming
 from poseloom.library.features import FeatureMap, FeatureSettings, make_feature_map
+from poseloom.library.opened import OpenArray
 
 faiss = cast(Any, _faiss)
 """Its own type information is partial and in places wrong."""
 
 _SAMPLE = 40_000
 """Moments from which principal components and cells are learnt."""
+
+_ONE_BY_ONE = 20_000
+"""Moments below which all are compared."""
 
 _CHUNK = 50_000
 """Moments whose features are held in full at a time."""
@@ -84,6 +89,7 @@ class MomentIndex:
     sensors: Projection
     _whole: Any
     _by_sensors: Any
+    _watched: tuple[OpenArray, ...] = ()
 
     def search(
         self, query: Floats[Array, "columns"], count: int, exclusion: Exclusion | None = None
@@ -92,6 +98,7 @@ class MomentIndex:
 
         The query has the history's columns, and the sensors' behind them if the features are searched by sensors.
         """
+        self._check()
         return _search(self._whole, query, count, exclusion)
 
     def search_sensors(
@@ -104,7 +111,13 @@ class MomentIndex:
                 cause="its features were made of the history alone",
                 remedy="Name the sensors' bones in its FeatureSettings",
             )
+        self._check()
         return _search(self._by_sensors, query, count, exclusion)
+
+    def _check(self) -> None:
+        """Raises LibraryError where a file of the library was cut off since it was opened."""
+        for file in self._watched:
+            file.check()
 
     def exclusion(self, allowed_rows: Bools[Array, "poses"]) -> Exclusion:
         """Packs a mask over library rows (True: may be used) for `search`."""
@@ -145,11 +158,12 @@ def moment_rows(clips: Iterable[Span], reach: int) -> Ints[Array, "moments"]:
 
 def build_index(
     poses: Floats32[Array, "poses dofs"], clips: Iterable[Span], settings: FeatureSettings, folder: Path
-) -> MomentIndex:
+) -> None:
     """Describes every moment of a library, learns the projections and the cells, and writes all of it into `folder`.
 
     Raises:
         LibraryError: where no clip is long enough to have a moment.
+        OSError: naming the file that cannot be written.
     """
     features = make_feature_map(settings)
     rows = moment_rows(clips, settings.reach)
@@ -164,7 +178,7 @@ def build_index(
     sensors = _principal(features.library_sensors(poses, sample), settings.sensor_columns)
     folder.mkdir(parents=True, exist_ok=True)
     width = history.basis.shape[1] + sensors.basis.shape[1]
-    columns = np.lib.format.open_memmap(folder / "columns.npy", "w+", dtype=np.float32, shape=(len(rows), width))
+    columns = np.empty((len(rows), width), dtype=np.float32)
     for start in range(0, len(rows), _CHUNK):
         part = rows[start : start + _CHUNK]
         columns[start : start + len(part), : history.basis.shape[1]] = (
@@ -173,51 +187,79 @@ def build_index(
         columns[start : start + len(part), history.basis.shape[1] :] = (
             features.library_sensors(poses, part) - sensors.mean
         ) @ sensors.basis
-    columns.flush()
-    np.save(folder / "rows.npy", rows)
-    np.savez(
-        folder / "projection.npz",
-        history_mean=history.mean, history_basis=history.basis, sensor_mean=sensors.mean, sensor_basis=sensors.basis,
-    )  # fmt: skip
-    searched = columns if settings.by_sensors else np.ascontiguousarray(columns[:, : history.basis.shape[1]])
-    faiss.write_index(_cells(searched), str(folder / "moments.faiss"))
-    if sensors.basis.shape[1]:
-        faiss.write_index(
-            _cells(np.ascontiguousarray(columns[:, history.basis.shape[1] :])), str(folder / "sensors.faiss")
-        )
-    (folder / "features.json").write_text(json.dumps(asdict(settings), indent=1))
-    return load_index(folder)
+    arrays = {
+        "columns": columns,
+        "rows": rows,
+        "history_mean": history.mean,
+        "history_basis": history.basis,
+        "sensor_mean": sensors.mean,
+        "sensor_basis": sensors.basis,
+        **_learnt("whole", columns if settings.by_sensors else columns[:, : history.basis.shape[1]]),
+        **_learnt("sensors", columns[:, history.basis.shape[1] :]),
+    }
+    for name, array in arrays.items():
+        with naming(folder / f"{name}.npy"):
+            np.save(folder / f"{name}.npy", array)
 
 
-def load_index(folder: Path) -> MomentIndex:
-    """Opens an index that `build_index` wrote. Raises LibraryError naming what is missing or damaged."""
-    faiss.omp_set_num_threads(1)
+def load_index(
+    folder: Path, settings: FeatureSettings, rows: Ints[Array, "moments"], watched: Sequence[OpenArray] = ()
+) -> MomentIndex:
+    """Opens an index that `build_index` wrote. Every number in it is checked: it may be a stranger's.
+
+    Args:
+        folder: Where it is.
+        settings: Of which features.
+        rows: The rows that it must have.
+        watched: Files that are looked at before each search, and must not have been cut off.
+
+    Raises:
+        LibraryError: naming what is missing or damaged.
+    """
+    features = make_feature_map(settings)
+    opened = {name: OpenArray(folder / f"{name}.npy", _REMEDY) for name in _FILES if (folder / f"{name}.npy").exists()}
+    arrays = ArtefactArrays({name: each.values for name, each in opened.items()}, moments=len(rows))
     try:
-        stated = json.loads((folder / "features.json").read_text())
-        stated["sensor_bones"] = tuple(stated["sensor_bones"])
-        settings = FeatureSettings(**stated)
-        rows = np.load(folder / "rows.npy")
-        columns = np.asarray(np.load(folder / "columns.npy", mmap_mode="r"))
-        with np.load(folder / "projection.npz") as arrays:
-            history = Projection(arrays["history_mean"], arrays["history_basis"])
-            sensors = Projection(arrays["sensor_mean"], arrays["sensor_basis"])
-        whole = faiss.read_index(str(folder / "moments.faiss"))
-        by_sensors = faiss.read_index(str(folder / "sensors.faiss")) if sensors.basis.shape[1] else None
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+        columns = arrays.floats("columns", "moments columns", np.float32)
+        if not np.array_equal(arrays.indices("rows", "moments", int(rows.max()) + 1), rows):
+            raise FormatError("its rows are not those of the library's clips")
+        history = _projection(arrays, "history", settings.history * (9 + 6 * len(features.bones)))
+        sensors = _projection(arrays, "sensor", 9 * len(features.sensor_joints))
+        split = history.basis.shape[1]
+        if columns.shape[1] != split + sensors.basis.shape[1]:
+            raise FormatError("its features have another number of columns than their projections")
+        whole = _searchable(arrays, "whole", columns if settings.by_sensors else columns[:, :split])
+        by_sensors = _searchable(arrays, "sensors", columns[:, split:]) if columns.shape[1] > split else None
+    except FormatError as error:
         raise LibraryError(
-            "the library's index cannot be read",
-            cause=str(error).splitlines()[0],
-            remedy="Delete the folder: it is built again when it is next needed",
-            file=folder,
+            "the library's index cannot be used", cause=error.fact, remedy=_REMEDY, file=folder
         ) from None
-    if not len(rows) == len(columns) == whole.ntotal:
-        raise LibraryError(
-            "the parts of the library's index do not fit together",
-            cause=f"{len(rows)} rows, {len(columns)} features, {whole.ntotal} searchable moments",
-            remedy="Delete the folder: it is built again when it is next needed",
-            file=folder,
-        )
-    return MomentIndex(make_feature_map(settings), rows, columns, history, sensors, whole, by_sensors)
+    except RuntimeError as error:  # faiss's
+        raise LibraryError("the library's index cannot be made", cause=str(error)[:160], file=folder) from None
+    return MomentIndex(features, rows, columns, history, sensors, whole, by_sensors, tuple(watched))
+
+
+_FILES = (
+    "columns",
+    "rows",
+    "history_mean",
+    "history_basis",
+    "sensor_mean",
+    "sensor_basis",
+    "whole_centres",
+    "whole_owners",
+    "sensors_centres",
+    "sensors_owners",
+)
+_REMEDY = "Delete the folder: it is built again when it is next needed"
+
+
+def _projection(arrays: ArtefactArrays, name: str, raw: int) -> Projection:
+    if raw == 0:
+        return Projection(np.zeros(0), np.zeros((0, 0)))
+    arrays.sizes[f"{name}_raw"] = raw
+    mean = arrays.floats(f"{name}_mean", f"{name}_raw")
+    return Projection(mean, arrays.floats(f"{name}_basis", f"{name}_raw {name}_columns", low=-1.001, high=1.001))
 
 
 def _principal(raw: Floats32[Array, "moments raw"], columns: int) -> Projection:
@@ -232,24 +274,55 @@ def _principal(raw: Floats32[Array, "moments raw"], columns: int) -> Projection:
     return Projection(mean, np.ascontiguousarray(basis[:, : min(columns, width)]))
 
 
-def _cells(columns: Floats32[Array, "moments columns"]) -> Any:
-    """A faiss index: exact for small libraries, else inverted lists, about four times the root of the moments' number.
+def _learnt(name: str, columns: Floats32[Array, "moments columns"]) -> dict[str, NDArray[Any]]:
+    """The centres of inverted lists and the list of each moment; nothing where so few are searched one by one.
 
-    At 1.26 million moments 4096 lists, of which 20 are looked into, take a third of the time of 1024 and 24, and find
-    the same: a search costs one distance a list and one for each moment in the lists looked into.
+    There are about four times the root of the moments' number. At 1.26 million moments 4096 lists, of which 20 are
+    looked into, take a third of the time of 1024 and 24, and find the same: a search costs one distance a list and one
+    for each moment in the lists looked into.
     """
-    faiss.omp_set_num_threads(1)
     count, width = columns.shape
-    if count < 20_000:
-        index = faiss.IndexFlatL2(width)
-        index.add(np.ascontiguousarray(columns))
-        return index
+    if count < _ONE_BY_ONE or width == 0:
+        return {}
+    faiss.omp_set_num_threads(1)
     lists = 2 ** round(math.log2(4.0 * math.sqrt(count)))
     index = faiss.index_factory(width, f"IVF{lists},Flat")
     training = np.sort(np.random.default_rng(0).permutation(count)[: 40 * lists])
     index.cp.niter = 10
     index.train(np.ascontiguousarray(columns[training]))
+    owners = np.empty(count, dtype=np.int64)
     for start in range(0, count, _CHUNK):
-        index.add(np.ascontiguousarray(columns[start : start + _CHUNK]))
-    index.nprobe = 20
+        part = np.ascontiguousarray(columns[start : start + _CHUNK])
+        owners[start : start + len(part)] = index.quantizer.assign(part, 1)[:, 0]
+    return {f"{name}_centres": index.quantizer.reconstruct_n(0, lists), f"{name}_owners": owners}
+
+
+def _searchable(arrays: ArtefactArrays, name: str, columns: Floats32[Array, "moments columns"]) -> Any:
+    """A faiss index of all moments: exact for few, else inverted lists.
+
+    It is put together from plain arrays, not read by faiss: what faiss reads it does not check, and a crafted file
+    makes it write anywhere.
+    """
+    faiss.omp_set_num_threads(1)
+    count, width = columns.shape
+    if count < _ONE_BY_ONE:
+        index = faiss.IndexFlatL2(width)
+        index.add(np.ascontiguousarray(columns))
+        return index
+    arrays.sizes[f"{name}_width"] = width
+    centres = arrays.floats(f"{name}_centres", f"{name}_lists {name}_width", np.float32)
+    owners = arrays.indices(f"{name}_owners", "moments", len(centres))
+    quantizer = faiss.IndexFlatL2(width)
+    quantizer.add(centres)
+    index = faiss.IndexIVFFlat(quantizer, width, len(centres))
+    order = np.argsort(owners, kind="stable")
+    begin = 0
+    for cell, size in enumerate(np.bincount(owners, minlength=len(centres)).tolist()):
+        members = np.ascontiguousarray(order[begin : begin + size])
+        begin += size
+        if size:
+            codes = np.ascontiguousarray(columns[members]).view(np.uint8)
+            index.invlists.add_entries(cell, size, faiss.swig_ptr(members), faiss.swig_ptr(codes))
+    index.ntotal = count
+    index.nprobe = min(20, len(centres))
     return index

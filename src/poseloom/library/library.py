@@ -15,7 +15,8 @@ from poseloom.library.catalogue import CATALOGUE_FILE, Clip, Skipped, read_catal
 from poseloom.library.features import FeatureSettings
 from poseloom.library.index import MomentIndex
 from poseloom.library.moments import check_moments, open_moments
-from poseloom.library.poses import POSES_FILE, body_digest, map_poses
+from poseloom.library.opened import OpenArray
+from poseloom.library.poses import POSES_FILE, body_digest, open_poses
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import Skeleton
@@ -30,7 +31,7 @@ class MotionLibrary:
     Attributes:
         path: Its folder.
         rate: Frames a second.
-        poses: Pose vectors, mapped into memory and read only; the rows of a clip follow each other in time.
+        poses: Pose vectors, in memory and read only; the rows of a clip follow each other in time.
         clips: What the rows are, in their order.
         skipped: What could not be taken in, with reasons.
         mirror: Whether it holds mirror images.
@@ -48,6 +49,7 @@ class MotionLibrary:
     digest: str
     history: tuple[Mapping[str, Any], ...]
     _generation: Path
+    _opened: OpenArray = field(repr=False)
     allowed: Bools[Array, "poses"] | None = None
     _indexes: dict[FeatureSettings, MomentIndex] = field(default_factory=dict[FeatureSettings, MomentIndex], repr=False)
 
@@ -116,7 +118,7 @@ class MotionLibrary:
             LibraryError: if no clip is long enough to have a moment, or the index is damaged.
         """
         if settings not in self._indexes:
-            self._indexes[settings] = open_moments(self._generation, self.poses, self.clips, settings)
+            self._indexes[settings] = open_moments(self._generation, self._opened, self.clips, settings)
         return self._indexes[settings]
 
     @staticmethod
@@ -161,20 +163,23 @@ def _open(path: Path, header: store.Header, verify: bool) -> MotionLibrary:
     store.check_files(generation, header.files, full=verify)
     if verify:
         check_moments(generation)
-    poses = map_poses(generation / POSES_FILE)
+    poses = open_poses(generation / POSES_FILE)
     clips, skipped = read_catalogue(generation / CATALOGUE_FILE)
     if (
-        len(poses) != header.poses
+        len(poses.values) != header.poses
         or len(clips) != header.clips
         or [clip.id for clip in clips] != list(range(len(clips)))
+        or [clip.start for clip in clips] != [0, *(clip.stop for clip in clips)][:-1]
+        or any(clip.start >= clip.stop for clip in clips)
+        or (clips[-1].stop if clips else 0) != header.poses
     ):
         raise LibraryError(
             f"the header tells of {header.poses} poses and {header.clips} clips, "
-            f"but there are {len(poses)} poses and {len(clips)} clips",
+            f"but there are {len(poses.values)} poses and {len(clips)} clips, or these do not follow each other",
             remedy=store.REBUILD,
             file=path,
         )
     digest = next(file.sha256 for file in header.files if file.name == POSES_FILE)
     return MotionLibrary(
-        path, header.rate, poses, clips, skipped, header.mirror, digest, header.history, _generation=generation
+        path, header.rate, poses.values, clips, skipped, header.mirror, digest, header.history, generation, poses
     )

@@ -1,4 +1,4 @@
-"""The poses on disk: one `.npy` of 32-bit pose vectors, written row by row and mapped into memory."""
+"""The poses on disk: one `.npy` of 32-bit pose vectors, written row by row."""
 
 import hashlib
 from functools import cache
@@ -9,10 +9,14 @@ from numpy.lib import format as npy
 
 from poseloom.arrays import Array, Floats32
 from poseloom.errors import LibraryError
+from poseloom.library.opened import OpenArray
 from poseloom.skeleton.body import average_body
 
 POSES_FILE = "poses.npy"
 _ROWS_AT_ONCE = 1 << 16
+_LARGEST = 1e6
+"""Metres or radians."""
+_REMEDY = "Build the library again, or take it from a backup"
 
 
 class PoseWriter:
@@ -47,26 +51,25 @@ class PoseWriter:
         self._header_bytes = self._file.tell()
 
 
-def map_poses(path: Path) -> Floats32[Array, "rows dofs"]:
-    """The poses, mapped into memory and read only.
+def open_poses(path: Path) -> OpenArray:
+    """The poses, read into memory.
 
     Raises:
-        LibraryError: if the file is not one of pose vectors of the body.
+        LibraryError: if the file is not one of finite pose vectors of the body.
     """
-    try:
-        poses = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise LibraryError(
-            "the poses cannot be read", cause=str(error), remedy="Build the library again", file=path
-        ) from None
+    opened = OpenArray(path, _REMEDY)
+    poses = opened.values
     if poses.ndim != 2 or poses.shape[1] != average_body().size or poses.dtype != np.dtype("<f4"):
         raise LibraryError(
             f"the poses have shape {poses.shape} of {poses.dtype}",
             cause=f"the body has {average_body().size} entries of 32 bits",
-            remedy="Build the library again",
+            remedy=_REMEDY,
             file=path,
         )
-    return poses
+    for start in range(0, len(poses), _ROWS_AT_ONCE):
+        if not np.abs(poses[start : start + _ROWS_AT_ONCE]).max() <= _LARGEST:  # a NaN is not either
+            raise LibraryError("a pose is no number, or is out of this world", remedy=_REMEDY, file=path)
+    return opened
 
 
 @cache
