@@ -295,11 +295,11 @@ def test_a_damaged_file_is_named(mine: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda text: text[: len(text) // 2], "header is damaged"),
+        (lambda text: text[: len(text) // 2], "cannot be read as the header"),
         (lambda text: text.replace('"version": 1', '"version": 2'), "format version 2, this poseloom reads version 1"),
         (lambda text: text.replace('"rate": 40.0', '"rate": 60.0'), "header was changed"),
         (lambda text: "[]", "not the header of a motion library"),
-        (lambda text: "\x00\xff", "header is damaged"),
+        (lambda text: "\x00\xff", "cannot be read as the header"),
     ],
 )
 def test_a_wrong_header_is_told(mine: Path, change, message: str) -> None:

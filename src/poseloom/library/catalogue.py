@@ -8,9 +8,14 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from poseloom.errors import LibraryError
+from poseloom.errors import FormatError, LibraryError
+from poseloom.formats._files import DAMAGE, open_regular
+from poseloom.formats.artefact_arrays import RATES, checked_number
 
 CATALOGUE_FILE = "catalogue.sqlite"
+
+_LONGEST = 1 << 20
+"""Bytes that a value of the catalogue may have."""
 
 _SCHEMA = """
 CREATE TABLE clips (
@@ -111,10 +116,24 @@ def _row(clip: Clip) -> tuple[Any, ...]:
 
 
 def _clip(row: tuple[Any, ...]) -> Clip:
+    """A row of the table, each column of its type: sqlite keeps anything anywhere."""
     id, name, take, subject, source, digest, start, stop, mirrored, rate, family, licence, tags = row
+    words, numbers = (name, take, subject, source, digest, family, licence, tags), (id, start, stop, mirrored)
+    if not all(isinstance(word, str) for word in words) or not all(isinstance(number, int) for number in numbers):
+        raise ValueError(f"clip {str(id)[:20]} has an entry of another type")
+    if not 0 <= start < stop or mirrored not in (0, 1):
+        raise ValueError(f"clip {id} has rows from {start} to {stop}")
+    rate = checked_number(f"the rate of clip {id}", rate, *RATES)
     return Clip(
         id, name, take, subject, source, digest, start, stop, bool(mirrored), rate, family, licence, tuple(tags.split())
     )
+
+
+def _skip(row: tuple[Any, ...]) -> Skipped:
+    if not all(isinstance(word, str) for word in row):
+        raise ValueError("a skipped file has an entry of another type")
+    source, kind, reason = row
+    return Skipped(source, SkipKind(kind), reason)
 
 
 def read_catalogue(path: Path) -> tuple[tuple[Clip, ...], tuple[Skipped, ...]]:
@@ -123,19 +142,22 @@ def read_catalogue(path: Path) -> tuple[tuple[Clip, ...], tuple[Skipped, ...]]:
     Raises:
         LibraryError: if the file is no catalogue.
     """
+    open_regular(path, LibraryError).close()
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as connection:
+            # What the file itself brings along, such as views and triggers, runs nothing, and no value is huge.
+            connection.execute("PRAGMA trusted_schema = OFF")
+            connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST)
+            tables = dict(connection.execute("SELECT name, type FROM sqlite_schema WHERE name IN ('clips', 'skipped')"))
+            if tables != {"clips": "table", "skipped": "table"}:
+                raise ValueError("it has no tables of clips and skipped files")
             clips = tuple(_clip(row) for row in connection.execute(f"SELECT {_CLIP_COLUMNS} FROM clips ORDER BY id"))
-            skipped = tuple(
-                Skipped(source, SkipKind(kind), reason)
-                for source, kind, reason in connection.execute(
-                    "SELECT source, kind, reason FROM skipped ORDER BY rowid"
-                )
-            )
-    except (sqlite3.Error, ValueError, TypeError, AttributeError) as error:
+            rows = connection.execute("SELECT source, kind, reason FROM skipped ORDER BY rowid")
+            skipped = tuple(_skip(row) for row in rows)
+    except (sqlite3.Error, FormatError, *DAMAGE) as error:
         raise LibraryError(
             "the library's catalogue cannot be read",
-            cause=str(error),
+            cause=str(error)[:160],
             remedy="Build the library again",
             file=path,
         ) from None

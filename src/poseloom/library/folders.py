@@ -25,6 +25,18 @@ def to_disk(path: Path) -> None:
         os.close(handle)
 
 
+def check_inside(folder: Path, name: str) -> None:
+    """Raises LibraryError where something in a library's folder is a link, which may lead anywhere."""
+    path = folder / name
+    if path.is_symlink() or (path.exists() and path.resolve().parent != folder.resolve()):  # junctions of Windows
+        raise LibraryError(
+            "this part of the library is a link to somewhere else",
+            cause="a library holds its own files; whoever follows a link reads, and writes, what it points to",
+            remedy="Copy the library with its files (cp -rL), if you trust where the link leads",
+            file=path,
+        )
+
+
 @contextmanager
 def writing(folder: Path) -> Generator[None, None, None]:
     """Holds the right to write into a folder; it falls back when the process ends, however it ends.
@@ -32,12 +44,15 @@ def writing(folder: Path) -> Generator[None, None, None]:
     Raises:
         LibraryError: if another process holds it.
     """
+    check_inside(folder, LOCK_FILE)
     # sqlite locks its file on every system; a transaction without a journal that changes nothing leaves nothing behind.
     with closing(sqlite3.connect(folder / LOCK_FILE, timeout=0, isolation_level=None)) as connection:
         try:
             connection.execute("PRAGMA journal_mode = OFF")
             connection.execute("BEGIN EXCLUSIVE")
-        except sqlite3.OperationalError:
+        except sqlite3.OperationalError as error:
+            if getattr(error, "sqlite_errorname", "SQLITE_BUSY") != "SQLITE_BUSY":
+                raise LibraryError("the library cannot be written to", cause=str(error), file=folder) from None
             raise LibraryError(
                 "another process is writing to this library", remedy="Wait until it has ended", file=folder
             ) from None

@@ -179,7 +179,9 @@ def _open(path: Path, header: store.Header, verify: bool) -> MotionLibrary:
             remedy=store.REBUILD,
             file=path,
         )
-    digest = next(file.sha256 for file in header.files if file.name == POSES_FILE)
+    digest = next((file.sha256 for file in header.files if file.name == POSES_FILE), None)
+    if digest is None:
+        raise LibraryError("the header lists no file of poses", remedy=store.REBUILD, file=path)
     return MotionLibrary(
         path, header.rate, poses.values, clips, skipped, header.mirror, digest, header.history, generation, poses
     )

@@ -10,14 +10,17 @@ generation. Whoever is killed on the way leaves the old header and a nameless ge
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 from poseloom.errors import LibraryError
+from poseloom.formats._files import open_regular, read_json, reading
+from poseloom.formats.artefact_arrays import RATES, checked_number
 from poseloom.formats.atomic import atomic_file
-from poseloom.library.folders import to_disk
+from poseloom.library.folders import check_inside, to_disk
 
 HEADER_FILE = "library.json"
 KIND = "poseloom-library"
@@ -79,16 +82,13 @@ def read_header(folder: Path) -> Header:
         LibraryError: if there is none, it is damaged, or of another version.
     """
     path = folder / HEADER_FILE
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         raise LibraryError(
             "no motion library in this folder" if folder.is_dir() else "no such folder",
             remedy="Make one: poseloom library build SRC... -o DIR",
             file=folder,
-        ) from None
-    except (ValueError, UnicodeDecodeError) as error:
-        raise LibraryError("the library's header is damaged", cause=str(error), remedy=REBUILD, file=path) from None
+        )
+    content = read_json(path, "the header of a motion library", LibraryError)
     if not isinstance(content, dict) or cast(dict[str, Any], content).get("kind") != KIND:
         raise LibraryError("this is not the header of a motion library", remedy=REBUILD, file=path)
     fields = cast(dict[str, Any], content)
@@ -100,10 +100,55 @@ def read_header(folder: Path) -> Header:
         )
     if fields.pop("digest", None) != _digest(fields):
         raise LibraryError("the library's header was changed", cause="its digest differs", remedy=REBUILD, file=path)
-    del fields["kind"], fields["version"]
-    fields["files"] = tuple(StoredFile(**entry) for entry in fields["files"])
-    fields["history"] = tuple(fields["history"])
-    return Header(**fields)
+    with reading(path, "the header of a motion library", LibraryError):
+        header = _header(fields)
+    check_inside(folder, header.generation)
+    return header
+
+
+def _header(fields: Mapping[str, Any]) -> Header:
+    """The header's fields, each of its type and in its range: a stranger may have written them."""
+    if type(fields["mirror"]) is not bool or not isinstance(fields["body"], str):
+        raise ValueError("'mirror' or 'body' is of another type")
+    generation = str(fields["generation"])
+    if not is_plain(generation) or not generation.startswith("generation-"):
+        raise ValueError(f"the generation {generation[:80]!r} is no folder of the library")
+    history = fields["history"]
+    if not isinstance(history, list) or not all(isinstance(entry, dict) for entry in cast("list[Any]", history)):
+        raise ValueError("'history' is no list of entries")
+    return Header(
+        rate=checked_number("the rate", fields["rate"], *RATES),
+        mirror=fields["mirror"],
+        body=fields["body"],
+        poses=_count(fields["poses"]),
+        clips=_count(fields["clips"]),
+        history=tuple(cast("list[Mapping[str, Any]]", history)),
+        generation=generation,
+        files=_stored(fields["files"]),
+    )
+
+
+def is_plain(name: str) -> bool:
+    """Whether a name is that of something in a folder itself: it leads nowhere else, on any system."""
+    return bool(name) and name not in (".", "..") and not set(name) & set("/\\:\0")
+
+
+def _stored(entries: Any) -> tuple[StoredFile, ...]:
+    """Files as a header or seal lists them."""
+    files = tuple(
+        StoredFile(str(entry["name"]), _count(entry["bytes"]), str(entry["quick"]), str(entry["sha256"]))
+        for entry in entries
+    )
+    for file in files:
+        if not is_plain(file.name):
+            raise ValueError(f"the file {file.name[:80]!r} is not one of the library's folder")
+    return files
+
+
+def _count(value: Any) -> int:
+    if type(value) is not int or not 0 <= value < 2**53:
+        raise ValueError(f"{str(value)[:40]} is no number of things")
+    return value
 
 
 def write_header(folder: Path, header: Header) -> None:
@@ -145,10 +190,9 @@ def check_seal(folder: Path, remedy: str, full: bool = False) -> None:
         LibraryError: naming the first file that is missing, or of another size or content.
     """
     path = folder / _SEAL_FILE
-    try:
-        files = tuple(StoredFile(**entry) for entry in json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise LibraryError("the list of files cannot be read", cause=str(error), remedy=remedy, file=path) from None
+    check_inside(folder.parent, folder.name)
+    with reading(path, "the list of an index's files", LibraryError):
+        files = _stored(read_json(path, "the list of an index's files", LibraryError))
     check_files(folder, files, full, remedy)
 
 
@@ -166,9 +210,10 @@ def check_files(folder: Path, files: Iterable[StoredFile], full: bool = False, r
     """
     for file in files:
         path = folder / file.name
+        check_inside(folder, file.name)
         try:
             size = path.stat().st_size
-        except FileNotFoundError:
+        except OSError:
             raise LibraryError("a file of the library is missing", remedy=remedy, file=path) from None
         if size != file.bytes:
             raise LibraryError(
@@ -185,15 +230,15 @@ def check_files(folder: Path, files: Iterable[StoredFile], full: bool = False, r
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """SHA-256 of a regular file."""
+    with open_regular(path) as file:
+        return hashlib.file_digest(cast(Any, file), "sha256").hexdigest()
 
 
 def _spread_digest(path: Path) -> str:
     total = path.stat().st_size
     digest = hashlib.sha256()
-    with path.open("rb", buffering=0) as file:
+    with open_regular(path) as file:
         for block in range(_BLOCKS):
             file.seek((total - _BLOCK) * block // (_BLOCKS - 1))
             digest.update(file.read(_BLOCK))
