@@ -4,6 +4,7 @@ The file is a zip archive that `numpy.load` opens as `.npz`: `header.json` and o
 content gives the same bytes.
 """
 
+import io
 import json
 import os
 import zipfile
@@ -86,11 +87,15 @@ def write_artefact(
                 remedy="Store arrays of numbers, booleans or text, under names without a slash",
                 file=path,
             )
-    with atomic_file(path) as part, zipfile.ZipFile(part, "x") as archive:
+    with atomic_file(path) as part, part.open("xb") as stream:
+        # Put together here: what zipfile raises when it cannot close its file hides why.
+        archive = zipfile.ZipFile(stream, "w")
         archive.writestr(zipfile.ZipInfo(_HEADER, _EPOCH), text)
         for name, array in sorted(arrays.items()):
-            with archive.open(zipfile.ZipInfo(f"{name}.npy", _EPOCH), "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+            content = io.BytesIO()
+            np.lib.format.write_array(content, np.asanyarray(array), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy", _EPOCH), content.getbuffer())
+        archive.close()
 
 
 def _header_text(

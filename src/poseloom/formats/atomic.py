@@ -1,5 +1,6 @@
 """Files that appear whole or not at all."""
 
+import errno
 import secrets
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -21,7 +22,9 @@ def naming(target: str | Path) -> Generator[None, None, None]:
         yield
     except OSError as error:
         named = error.filename
-        if error.errno is not None and (named is None or Path(str(named)).name.startswith(".")):
+        if error.errno is None:  # numpy's, where not all of an array could be written
+            raise OSError(errno.ENOSPC, f"not all could be written ({error})", str(target)) from None
+        if named is None or Path(str(named)).name.startswith("."):
             error.filename, error.filename2 = str(target), None
         raise
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from poseloom.errors import LibraryError
+from poseloom.formats.atomic import naming
 from poseloom.library import folders, store
 from poseloom.library.catalogue import CATALOGUE_FILE, SkipKind, Skipped, write_catalogue
 from poseloom.library.conversion import Recipe, convert
@@ -197,7 +198,7 @@ def _write(folder: Path, earlier: store.Header | None, job: _Job) -> BuildReport
     """Fills a new generation with what an earlier one held and the job's motions, and switches to it."""
     with folders.new_generation(folder) as generation:
         filled = Filling()
-        with PoseWriter(generation / POSES_FILE) as writer:
+        with naming(generation / POSES_FILE), PoseWriter(generation / POSES_FILE) as writer:
             if earlier is not None:
                 filled.take_over(folder / earlier.generation, writer)
             before, rows_before, skipped_before = len(filled.clips), writer.rows, len(filled.skipped)

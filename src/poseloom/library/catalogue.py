@@ -1,6 +1,7 @@
 """The library's list of clips, and of what it could not take in, kept in one sqlite file."""
 
 import enum
+import errno
 import sqlite3
 from collections.abc import Iterable
 from contextlib import closing
@@ -97,17 +98,20 @@ class Skipped:
 
 
 def write_catalogue(path: Path, clips: Iterable[Clip], skipped: Iterable[Skipped]) -> None:
-    """Writes a new catalogue; the same entries give the same bytes."""
-    with closing(sqlite3.connect(path)) as connection, connection:
-        connection.executescript(_SCHEMA)
-        connection.executemany(
-            f"INSERT INTO clips ({_CLIP_COLUMNS}) VALUES ({', '.join('?' * len(fields(Clip)))})",
-            (_row(clip) for clip in clips),
-        )
-        connection.executemany(
-            "INSERT INTO skipped (source, kind, reason) VALUES (?, ?, ?)",
-            ((s.source, s.kind.value, s.reason) for s in skipped),
-        )
+    """Writes a new catalogue; the same entries give the same bytes. Raises OSError where it cannot be written."""
+    try:
+        with closing(sqlite3.connect(path)) as connection, connection:
+            connection.executescript(_SCHEMA)
+            connection.executemany(
+                f"INSERT INTO clips ({_CLIP_COLUMNS}) VALUES ({', '.join('?' * len(fields(Clip)))})",
+                (_row(clip) for clip in clips),
+            )
+            connection.executemany(
+                "INSERT INTO skipped (source, kind, reason) VALUES (?, ?, ?)",
+                ((s.source, s.kind.value, s.reason) for s in skipped),
+            )
+    except sqlite3.OperationalError as error:  # a full disk, above all
+        raise OSError(errno.EIO, str(error), str(path)) from None
 
 
 def _row(clip: Clip) -> tuple[Any, ...]:

@@ -8,6 +8,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from poseloom.errors import LibraryError
+from poseloom.formats.atomic import naming
 
 LOCK_FILE = ".lock"
 
@@ -18,11 +19,12 @@ def to_disk(path: Path) -> None:
     """Forces a file, or a folder's list of files, to the disk (folders: where the system can)."""
     if path.is_dir() and os.name == "nt":
         return
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    with naming(path):
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def check_inside(folder: Path, name: str) -> None:

@@ -19,7 +19,7 @@ from typing import Any, cast
 from poseloom.errors import LibraryError
 from poseloom.formats._files import open_regular, read_json, reading
 from poseloom.formats.artefact_arrays import RATES, checked_number
-from poseloom.formats.atomic import atomic_file
+from poseloom.formats.atomic import atomic_file, naming
 from poseloom.library.folders import check_inside, to_disk
 
 HEADER_FILE = "library.json"
@@ -179,7 +179,10 @@ def seal(folder: Path) -> tuple[StoredFile, ...]:
 
 def write_seal(folder: Path) -> None:
     """Leaves the sizes and digests of a folder's files in it."""
-    (folder / _SEAL_FILE).write_text(json.dumps([asdict(file) for file in seal(folder)], indent=1), encoding="utf-8")
+    with naming(folder / _SEAL_FILE):
+        (folder / _SEAL_FILE).write_text(
+            json.dumps([asdict(file) for file in seal(folder)], indent=1), encoding="utf-8"
+        )
     to_disk(folder / _SEAL_FILE)
 
 
