@@ -1,0 +1,101 @@
+"""`python -m poseloom.training.prior shards|train`: makes shards and trains the shipped priors."""
+
+import argparse
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from poseloom.training.prior.judging import Conditions, judge, judging_batch
+from poseloom.training.prior.loop import SPECS, PriorSettings, read_checkpoint, train_prior
+from poseloom.training.prior.motions import MotionPool
+from poseloom.training.prior.network import NetworkShape
+from poseloom.training.prior.people import Role, role_of
+from poseloom.training.prior.sets import NAMED_SETS
+from poseloom.training.prior.shards import Shard, build_shards, read_shard
+
+_JUDGED: Mapping[str, tuple[str, ...]] = {
+    "six": ("six-imus",),
+    "any": ("six-imus", "six-trackers", "three-trackers", "pelvis-wrists", "wrist-pocket", "slimevr-6", "flex-four"),
+}
+
+
+def shards_of(folder: Path, role: Role) -> list[Shard]:
+    """All shards of a role, in a fixed order."""
+    shards = [read_shard(path) for path in sorted(folder.glob("*.npz"))]
+    return [shard for shard in shards if role_of(shard.person) is role]
+
+
+def _judge_of(kind: str, shards: list[Shard]) -> "_Judge":
+    sets = _JUDGED[kind]
+    return _Judge(kind, sets, shards)
+
+
+class _Judge:
+    """Measures on validation people: noisy sensors, no calibration pose."""
+
+    def __init__(self, kind: str, sets: tuple[str, ...], shards: list[Shard]) -> None:
+        self._batches = {
+            (name, shard.person): judging_batch(shard, SPECS[kind], NAMED_SETS[name][1], Conditions(), most=16)
+            for name in sets
+            for shard in shards
+        }
+
+    def __call__(self, network: nn.Module) -> dict[str, float]:
+        measures: dict[str, float] = {}
+        for (name, person), batch in self._batches.items():
+            for what, value in judge(network, batch).items():
+                measures[f"{name} {person} {what}"] = round(value, 4)
+        return measures
+
+
+def _train(options: argparse.Namespace) -> None:
+    torch.set_num_threads(options.threads)
+    settings = PriorSettings(
+        kind=options.kind, shape=NetworkShape(options.hidden), steps=options.steps, rate=options.rate,
+        size=options.size, tail=options.tail,
+    )  # fmt: skip
+    settings = replace(settings, motions=replace(settings.motions, frames=options.frames))
+    pool = MotionPool(shards_of(options.shards, Role.TRAIN))
+    judge_all = _judge_of(options.kind, shards_of(options.shards, Role.VALIDATE))
+    start = read_checkpoint(options.start)["mean"] if options.start else None
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    train_prior(
+        pool, settings, judge_all, options.seed, options.out, options.every,
+        lambda entry: print(json.dumps({k: round(v, 3) for k, v in entry.items()}), flush=True), start,
+    )  # fmt: skip
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m poseloom.training.prior", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    shards = commands.add_parser("shards", help="make shards of the recordings")
+    shards.add_argument("--data", type=Path, required=True)
+    shards.add_argument("--out", type=Path, required=True)
+    train = commands.add_parser("train", help="train a prior, or go on with it")
+    train.add_argument("kind", choices=tuple(SPECS))
+    train.add_argument("--shards", type=Path, required=True)
+    train.add_argument("--out", type=Path, required=True, help="the checkpoint; the loss curve goes beside it")
+    train.add_argument("--steps", type=int, default=4000)
+    train.add_argument("--rate", type=float, default=2e-3)
+    train.add_argument("--tail", type=float, default=1.0, help="share of the steps in which the rate falls")
+    train.add_argument("--size", type=int, default=24)
+    train.add_argument("--frames", type=int, default=160)
+    train.add_argument("--hidden", type=int, default=256)
+    train.add_argument("--every", type=int, default=50)
+    train.add_argument("--seed", type=int, default=1)
+    train.add_argument("--threads", type=int, default=1)
+    train.add_argument("--start", type=Path, help="a checkpoint whose weights to begin with")
+    options = parser.parse_args()
+    if options.command == "shards":
+        build_shards(options.data, options.out, progress=lambda person, frames: print(person, frames, flush=True))
+    else:
+        _train(options)
+
+
+if __name__ == "__main__":
+    main()
