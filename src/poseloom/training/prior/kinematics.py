@@ -55,8 +55,7 @@ def matrix_from_columns(columns: Tensor) -> Tensor:
     x = first / torch.sqrt((first * first).sum(-1, keepdim=True) + _TINY)
     second = second - (x * second).sum(-1, keepdim=True) * x
     y = second / torch.sqrt((second * second).sum(-1, keepdim=True) + _TINY)
-    z = torch.linalg.cross(x, y)
-    return torch.stack([x, y, z], -1)
+    return torch.stack([x, y, (skew(x) * y[..., None, :]).sum(-1)], -1)
 
 
 def columns_from_matrix(matrix: Tensor) -> Tensor:
@@ -78,6 +77,11 @@ def rotvec_from_matrix(matrix: Tensor) -> Tensor:
     sine = 0.5 * torch.sqrt((odd * odd).sum(-1) + _TINY**2)
     angle = torch.atan2(sine, cosine)
     return 0.5 * odd * (angle / sine)[..., None]
+
+
+def lengths(vectors: Tensor, keepdim: bool = False) -> Tensor:
+    """Lengths (...) of vectors (..., 3); not to be differentiated at zero."""
+    return torch.sqrt((vectors * vectors).sum(-1, keepdim=keepdim))
 
 
 def global_rotations(local: Tensor) -> Tensor:

@@ -74,7 +74,7 @@ class Trained:
 
     Attributes:
         network: With the running mean of the weights.
-        curve: One entry each time the network was judged: step, seconds of training, mean losses since the last, measures.
+        curve: One entry each time the network was judged: step, seconds, mean losses since the last, measures.
     """
 
     network: PriorGru

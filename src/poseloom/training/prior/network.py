@@ -6,11 +6,9 @@ import torch
 from torch import Tensor, nn
 
 from poseloom.methods.prior.channels import OUTPUT_ROTATIONS, OUTPUT_SIGMAS, OUTPUT_SIZE, InputSpec
+from poseloom.methods.prior.network import LOG_SIGMA_BOUNDS, LOG_SIGMA_OFFSET
 from poseloom.skeleton.body import BODY_BONES
 from poseloom.training.prior.kinematics import matrix_from_columns
-
-LEAST_LOG_SIGMA, MOST_LOG_SIGMA = -4.0, 0.7
-"""Bounds of log sigma: one degree, two radians."""
 
 
 @dataclass(frozen=True)
@@ -67,5 +65,5 @@ def split(raw: Tensor) -> Estimate:
     """Raw outputs by meaning."""
     columns = raw[..., :OUTPUT_ROTATIONS].reshape(*raw.shape[:-1], len(BODY_BONES), 6)
     doubts = raw[..., OUTPUT_ROTATIONS : OUTPUT_ROTATIONS + OUTPUT_SIGMAS]
-    log_sigma = (doubts - 2.0).clamp(LEAST_LOG_SIGMA, MOST_LOG_SIGMA)
+    log_sigma = (doubts + LOG_SIGMA_OFFSET).clamp(*LOG_SIGMA_BOUNDS)
     return Estimate(matrix_from_columns(columns), log_sigma, raw[..., -7:-3], raw[..., -3:])

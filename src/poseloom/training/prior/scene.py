@@ -1,6 +1,5 @@
 """Bodies of different sizes that move: world frames of all bones from drawn motions, feet kept where they stand."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,17 +8,16 @@ from numpy.random import Generator
 from torch import Tensor
 
 from poseloom.calibration.body_size import body_size_model
+from poseloom.methods.prior.calibration import known_rotations
 from poseloom.methods.prior.channels import CalibrationPose, size_matrix
 from poseloom.skeleton.body import BODY_BONES, average_body
-from poseloom.training.prior.kinematics import global_rotations, joint_offsets, matrix_from_rotvec
+from poseloom.training.prior.kinematics import global_rotations, joint_offsets, lengths, matrix_from_rotvec
 from poseloom.training.prior.motions import Motions, MotionSettings
 from poseloom.training.tensors import tensor
 
 _STANDING = tuple(BODY_BONES.index(name) for name in ("leftFoot", "leftToes", "rightFoot", "rightToes"))
 _TOES = tuple(BODY_BONES.index(name) for name in ("leftToes", "rightToes"))
 _LEG = tuple(BODY_BONES.index(name) for name in ("leftLowerLeg", "leftFoot"))
-_ARM_DOWN = math.radians(80.0)
-"""How far the upper arms turn down from the T-pose in the N-pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +74,8 @@ def draw_offsets(batch: int, generator: Generator, scale: float = 1.0) -> Tensor
 def sizes_of(offsets: Tensor) -> Tensor:
     """See `channels.body_sizes`, for a batch of bodies."""
     matrix = tensor(size_matrix().astype(np.float32))
-    average = tensor(average_body().offsets.astype(np.float32)).norm(dim=-1) @ matrix
-    return 10 * ((offsets.norm(dim=-1) @ matrix) / average - 1)
+    average = lengths(tensor(average_body().offsets.astype(np.float32))) @ matrix
+    return 10 * ((lengths(offsets) @ matrix) / average - 1)
 
 
 def known_pose(pose: Tensor) -> Tensor:
@@ -86,11 +84,8 @@ def known_pose(pose: Tensor) -> Tensor:
     Args:
         pose: `CalibrationPose` of each.
     """
-    rotvec = torch.zeros(len(pose), len(BODY_BONES), 3)
-    down = _ARM_DOWN * (pose == CalibrationPose.N).float()
-    rotvec[:, BODY_BONES.index("leftUpperArm"), 2] = -down
-    rotvec[:, BODY_BONES.index("rightUpperArm"), 2] = down
-    return global_rotations(matrix_from_rotvec(rotvec))
+    known = np.stack([known_rotations(each) for each in CalibrationPose])
+    return tensor(known.astype(np.float32))[pose]
 
 
 def _keep_feet(motions: Motions, before: Tensor, after: Tensor, root: Tensor) -> Tensor:

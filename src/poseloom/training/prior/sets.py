@@ -56,9 +56,7 @@ NAMED_SETS: Mapping[str, tuple[float, SensorSet]] = {
 """Sets that people own, with how often each is drawn."""
 
 _RANDOM_SHARE = 0.35
-_RANDOM_BONES = tuple(
-    bone for bone in BODY_BONES if bone not in ("spine", "chest", "neck", "leftToes", "rightToes")
-)
+_RANDOM_BONES = tuple(bone for bone in BODY_BONES if bone not in ("spine", "chest", "neck", "leftToes", "rightToes"))
 _RATE_SHARE = 0.3
 """Share of sets whose IMUs give angular rates too."""
 _NO_ACCELERATION = 0.15

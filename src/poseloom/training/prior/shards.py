@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -140,10 +141,14 @@ def _sound_pieces(motion: Motion) -> list[Motion]:
     relative = places - places[:, :1]
     speed = np.linalg.norm(np.diff(relative, axis=0), axis=-1).max(axis=1) * RATE
     cuts = [0, *(int(i) + 1 for i in np.flatnonzero(speed > _FASTEST)), len(motion)]
-    spans = zip(cuts[:-1], cuts[1:], strict=True)
+    spans = pairwise(cuts)
     return [motion.cut(start, stop) for start, stop in spans if stop - start >= _SHORTEST * RATE]
 
 
 def _digest(sources: Sequence[Source]) -> str:
     told = [(source.name, source.path.stat().st_size if source.path else 0) for source in sources]
-    return hashlib.sha256(json.dumps([VERSION, RATE, told, [str(source.skeleton and source.skeleton.name) for source in sources]]).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(
+            [VERSION, RATE, told, [str(source.skeleton and source.skeleton.name) for source in sources]]
+        ).encode()
+    ).hexdigest()

@@ -18,7 +18,7 @@ from poseloom.sensors.layout import SensorKind, SensorSpec, make_layout
 from poseloom.sensors.placement import default_placements
 from poseloom.skeleton.body import BODY_BONES, average_body
 from poseloom.training.prior.inputs import assemble
-from poseloom.training.prior.kinematics import columns_from_matrix, matrix_from_rotvec, rotvec_from_matrix
+from poseloom.training.prior.kinematics import columns_from_matrix, lengths, matrix_from_rotvec, rotvec_from_matrix
 from poseloom.training.prior.motions import LEAD
 from poseloom.training.prior.scene import Scene, known_pose, sizes_of
 from poseloom.training.prior.sensor_errors import SensorErrors, Wear, draw_dropouts, draw_wear, normal, varying, yaw
@@ -113,7 +113,7 @@ def measure(scene: Scene, masks: SensorMasks, spec: InputSpec, errors: SensorErr
     sizes = sizes_of(scene.offsets)
     inputs = assemble(values, there, back[..., 1], reference, sizes, torch.where(wear.given, wear.pose, 0), spec)
     held, known = _hold(scene, worn, wear, spec, sizes)
-    off = rotvec_from_matrix(worn.true[:, now].transpose(-1, -2) @ worn.measured[:, now]).norm(dim=-1)
+    off = lengths(rotvec_from_matrix(worn.true[:, now].transpose(-1, -2) @ worn.measured[:, now]))
     steps = scene.positions[:, now, 0] - scene.positions[:, LEAD - 1 : -2, 0]
     return Batch(
         inputs,
@@ -142,8 +142,9 @@ def _put_on(
     frames = total - LEAD - 1
     true = scene.rotations[:, :, bones]
     measured = yaw(wear.heading) @ true @ wear.mounted[:, None] @ matrix_from_rotvec(wear.tissue)
-    size = scene.offsets[:, 1:].norm(dim=-1).sum(1) / tensor(average_body().offsets[1:].copy()).norm(dim=-1).sum()
-    spots = _spots()[bones] * size[:, None, None].float()
+    average = tensor(average_body().offsets.astype(np.float32))
+    size = lengths(scene.offsets).sum(1) / lengths(average).sum()
+    spots = _spots()[bones] * size[:, None, None]
     spots = spots + normal(generator, errors.place, batch, len(bones), 3) * wear.scale[:, 0]
     places = scene.positions[:, :, bones] + turn(true, spots[:, None].expand(-1, total, -1, -1))
     chosen = tensor(masks.measured)[:, bones]
@@ -202,9 +203,9 @@ def _bends(scene: Scene, bones: list[int], errors: SensorErrors, generator: Gene
     rotations = scene.rotations[:, LEAD:-1]
     parent = [max(int(average_body().parents[bone]), 0) for bone in bones]
     apart = rotations[:, :, parent].transpose(-1, -2) @ rotations[:, :, bones]
-    angle = rotvec_from_matrix(apart).norm(dim=-1, keepdim=True)
+    angle = lengths(rotvec_from_matrix(apart), keepdim=True)
     gain = 1 + normal(generator, errors.bend_gain, len(angle), 1, len(bones), 1)
-    return gain * angle + errors.bend * varying(*angle.shape, generator)
+    return gain * angle + errors.bend * varying(len(angle), angle.shape[1], len(bones), 1, generator)
 
 
 def _hold(scene: Scene, worn: _Worn, wear: Wear, spec: InputSpec, sizes: Tensor) -> tuple[Tensor, Tensor]:
