@@ -3,13 +3,15 @@
 For each bone of the network's list, in this order: rotation (the first two columns of its matrix), acceleration,
 angular rate, position, bend and calibration residual, each followed by 1 where it was measured and 0 where not (its
 numbers are 0 then). After the bones: the up direction, which bone is the reference, body size, calibration pose.
-All vectors are in the axes of the reference bone as measured; without any orientation the reference is level and faces
-the way the hips face.
+The rotations that a network gives follow a base, bone by bone: the rotation, as last measured, of the measured bone that
+is likest to it (`likeness`); the identity where none is measured. All vectors are in the axes of the reference bone as
+measured; without any orientation the reference is level and faces the way the hips face.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 
 import numpy as np
 
@@ -117,7 +119,28 @@ ANY = InputSpec(BODY_BONES, tuple(Channel))
 OUTPUT_ROTATIONS = 6 * len(BODY_BONES)
 OUTPUT_SIGMAS = len(BODY_BONES)
 OUTPUT_SIZE = OUTPUT_ROTATIONS + OUTPUT_SIGMAS + len(CONTACTS) + 3
-"""Rotations (two columns a bone), log sigma a bone, contact logits, root velocity; all in the reference's axes."""
+"""Rotations from the base (two columns a bone), log sigma a bone, contact logits, root velocity."""
+
+
+_BENDS: Mapping[str, float] = {
+    "head": 2.0, "Shoulder": 1.5, "UpperArm": 2.0, "UpperLeg": 1.5, "LowerArm": 1.5, "LowerLeg": 1.5, "neck": 1.2,
+}  # fmt: skip
+"""How freely a bone turns against its parent, beside the spine's 1: sets which measured bone another is like."""
+
+
+@cache
+def likeness() -> Floats[Array, "joints others"]:
+    """How unlike a bone's rotation is to each other's, as the sum of how freely the joints between them turn."""
+    count = len(BODY_BONES)
+    parents = average_body().parents
+    free = np.array([_BENDS.get(name.removeprefix("left").removeprefix("right"), 1.0) for name in BODY_BONES])
+    apart = np.full((count, count), np.inf)
+    np.fill_diagonal(apart, 0.0)
+    for joint in range(1, count):
+        apart[joint, :joint] = apart[parents[joint], :joint] + free[joint]
+        apart[:joint, joint] = apart[joint, :joint]
+    # Of two bones alike in this the one nearer to the root counts: ties must fall the same way everywhere.
+    return apart + 1e-3 * np.arange(count)
 
 
 def choose_reference(oriented: Sequence[str]) -> str:

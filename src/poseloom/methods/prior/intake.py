@@ -19,6 +19,7 @@ from poseloom.methods.prior.channels import (
     InputSpec,
     body_sizes,
     fill_inputs,
+    likeness,
 )
 from poseloom.rotations import matrix_from_quat
 from poseloom.sensors.layout import SensorKind, SensorLayout, SensorSpec, make_layout
@@ -44,7 +45,7 @@ class IntakeState:
         reference: The reference bone; empty while there is none.
         axes: Its rotation `R_world_bone` as last measured; the identity where no bone's orientation is.
         missing: Samples since then.
-        rotations: `R_world_bone` of each sensor as last measured one sample ago; NaN where missing.
+        rotations: `R_world_bone` of each sensor as last measured; NaN before.
         accelerations: World, of the last two samples, newest first; NaN where missing.
         rates: World, of the last sample; NaN where missing.
     """
@@ -64,12 +65,14 @@ class Intake:
     Attributes:
         inputs: See `channels.fill_inputs`.
         axes: `R_world_reference`.
+        base: What the network's rotations follow, in the reference's axes.
         switched: Whether the reference is another than at the last sample: the network must start again.
         measured: Which channels of which body bones were measured.
     """
 
     inputs: Floats[Array, "inputs"]
     axes: Floats[Array, "3 3"]
+    base: Floats[Array, "joints 3 3"]
     switched: bool
     measured: Bools[Array, "bones channels"]
 
@@ -112,9 +115,10 @@ class PriorIntake:
                 remedy=f"Wear sensors on {', '.join(spec.bones)}, or take the network for any sensors",
             )
         self.spec, self.layout = spec, layout
-        self._bones: Ints[Array, sensors] = np.array([BODY_BONES.index(s.bone) for s in layout.sensors])
+        self._bones = np.array([BODY_BONES.index(s.bone) for s in layout.sensors], dtype=np.int64)
         self._turns = np.stack([placement.R_bone_sensor.T for placement in placements])
         self._shifts = _usual_spots(layout, skeleton) - np.stack([p.p_bone_sensor for p in placements])
+        self._unlike = likeness()[:, self._bones]
         self._sizes = body_sizes(skeleton)
         self._calibration = calibration or PriorCalibration()
         self._usable = np.array([sensor.bone in spec.bones for sensor in layout.sensors])
@@ -166,8 +170,9 @@ class PriorIntake:
         inputs = fill_inputs(
             self.spec, values, measured, axes[1].copy(), reference, self._sizes, self._calibration.pose
         )
-        following = IntakeState(reference, axes, missing, rotations, np.stack([felt, state.accelerations[0]]), turning)
-        return following, Intake(inputs, axes, switched, measured)
+        held = np.where(oriented[:, None, None], rotations, state.rotations)
+        following = IntakeState(reference, axes, missing, held, np.stack([felt, state.accelerations[0]]), turning)
+        return following, Intake(inputs, axes, self._base(held, axes), switched, measured)
 
     def _reference(
         self, state: IntakeState, rotations: Floats[Array, "sensors 3 3"], oriented: Bools[Array, "sensors"]
@@ -181,6 +186,13 @@ class PriorIntake:
             newest = next(bone for bone in REFERENCE_ORDER if bone in there)
             return newest, rotations[there[newest]], 0, bool(state.reference)
         return state.reference, state.axes, state.missing + 1, False
+
+    def _base(self, held: Floats[Array, "sensors 3 3"], axes: Floats[Array, "3 3"]) -> Floats[Array, "joints 3 3"]:
+        """For each body bone the rotation, as last measured, of the sensor on the likest bone."""
+        known = np.isfinite(held[:, 0, 0]) & self._usable
+        if not known.any():
+            return np.tile(np.eye(3), (len(BODY_BONES), 1, 1))
+        return axes.T @ held[np.where(known, self._unlike, np.inf).argmin(axis=1)]
 
     def _positions(self, sample: Sample, rotations: Floats[Array, "sensors 3 3"]) -> Floats[Array, "sensors 3"]:
         """At the usual spots of the bones, from the anchor; the anchor's own from the floor below it."""

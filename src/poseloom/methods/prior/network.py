@@ -32,7 +32,7 @@ class PriorEstimate:
     """What a network estimates of one moment.
 
     Attributes:
-        rotations: `R_reference_bone` of all bones, in the axes of the reference as measured.
+        rotations: `R_reference_bone` of all bones, in the axes of the reference as measured, or as said otherwise.
         sigma: Standard deviation of each bone's rotation, radians an axis.
         contacts: Probability that left heel, left toe, right heel and right toe stand.
         velocity: Of the root, m/s, the same axes.
@@ -117,12 +117,15 @@ class PriorNetwork:
             heard = following[index] = layer.step(heard, memory[index])
         return following, self.weights["head.weight"] @ heard + self.weights["head.bias"]
 
-    def step(self, memory: Memory, inputs: Floats[Array, "inputs"]) -> tuple[Memory, PriorEstimate]:
+    def step(
+        self, memory: Memory, inputs: Floats[Array, "inputs"], base: Floats[Array, "joints 3 3"]
+    ) -> tuple[Memory, PriorEstimate]:
         """One sample; changes neither argument.
 
         Args:
             memory: What was remembered.
             inputs: See `channels.fill_inputs`; finite.
+            base: Rotations that those of the outputs follow, in the reference's axes; see `channels`.
         """
         following, raw = self.raw_step(memory, inputs)
         numbers = raw.astype(np.float64)
@@ -130,7 +133,7 @@ class PriorNetwork:
         doubts = numbers[OUTPUT_ROTATIONS : OUTPUT_ROTATIONS + OUTPUT_SIGMAS] + LOG_SIGMA_OFFSET
         sigma = np.exp(np.clip(doubts, *LOG_SIGMA_BOUNDS)) * self.sigma_factors
         contacts = _sigmoid(numbers[-3 - len(CONTACTS) : -3])
-        return following, PriorEstimate(rotations_from_columns(columns), sigma, contacts, numbers[-3:])
+        return following, PriorEstimate(base @ rotations_from_columns(columns), sigma, contacts, numbers[-3:])
 
     def _check(self) -> None:
         hidden = self.weights.get("encode.bias", np.empty(0)).size

@@ -85,7 +85,7 @@ class PriorRunner:
         """
         intake, taken = self._intake.take(state.intake, sample, bends)
         memory = self.network.start() if taken.switched else state.memory
-        memory, estimate = self.network.step(memory, taken.inputs)
+        memory, estimate = self.network.step(memory, taken.inputs, taken.base)
         world = PriorEstimate(
             taken.axes @ estimate.rotations @ self.calibration.corrections,
             estimate.sigma,

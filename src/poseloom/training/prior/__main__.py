@@ -1,18 +1,20 @@
-"""`python -m poseloom.training.prior shards|train`: makes shards and trains the shipped priors."""
+"""`python -m poseloom.training.prior shards|train|export|measure`: makes the priors that ship."""
 
 import argparse
 import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import nn
 
-from poseloom.training.prior.judging import Conditions, judge, judging_batch
+from poseloom.training.prior.export import CONDITIONS, export_prior, measure_people
+from poseloom.training.prior.judging import Conditions, judge, judging_batch, mean_measures
 from poseloom.training.prior.loop import SPECS, PriorSettings, read_checkpoint, train_prior
 from poseloom.training.prior.motions import MotionPool
-from poseloom.training.prior.network import NetworkShape
+from poseloom.training.prior.network import NetworkShape, PriorGru
 from poseloom.training.prior.people import Role, role_of
 from poseloom.training.prior.sets import NAMED_SETS
 from poseloom.training.prior.shards import Shard, build_shards, read_shard
@@ -27,11 +29,6 @@ def shards_of(folder: Path, role: Role) -> list[Shard]:
     """All shards of a role, in a fixed order."""
     shards = [read_shard(path) for path in sorted(folder.glob("*.npz"))]
     return [shard for shard in shards if role_of(shard.person) is role]
-
-
-def _judge_of(kind: str, shards: list[Shard]) -> "_Judge":
-    sets = _JUDGED[kind]
-    return _Judge(kind, sets, shards)
 
 
 class _Judge:
@@ -60,13 +57,52 @@ def _train(options: argparse.Namespace) -> None:
     )  # fmt: skip
     settings = replace(settings, motions=replace(settings.motions, frames=options.frames))
     pool = MotionPool(shards_of(options.shards, Role.TRAIN))
-    judge_all = _judge_of(options.kind, shards_of(options.shards, Role.VALIDATE))
+    judge_all = _Judge(options.kind, _JUDGED[options.kind], shards_of(options.shards, Role.VALIDATE))
     start = read_checkpoint(options.start)["mean"] if options.start else None
     options.out.parent.mkdir(parents=True, exist_ok=True)
     train_prior(
         pool, settings, judge_all, options.seed, options.out, options.every,
         lambda entry: print(json.dumps({k: round(v, 3) for k, v in entry.items()}), flush=True), start,
     )  # fmt: skip
+
+
+def _loaded(options: argparse.Namespace) -> tuple[PriorGru, dict[str, Any]]:
+    """A checkpoint's mean network, and the checkpoint."""
+    content = read_checkpoint(options.checkpoint)
+    settings = json.loads(content["settings"])
+    network = PriorGru(SPECS[settings["kind"]], NetworkShape(**settings["shape"]))
+    network.load_state_dict(content["mean"])
+    return network.eval(), {**content, "kind": settings["kind"]}
+
+
+def _export(options: argparse.Namespace) -> None:
+    network, content = _loaded(options)
+    shards = [read_shard(path) for path in sorted(options.shards.glob("*.npz"))]
+    made = export_prior(network, content["kind"], shards, options.out, content["seed"], content["curve"])
+    print(json.dumps({"card": made.card, "sigma factors": made.sigma_factors.round(3).tolist()}, indent=1))
+
+
+def _measure(options: argparse.Namespace) -> None:
+    network, content = _loaded(options)
+    role = Role.TEST if options.test else Role.VALIDATE
+    shards = shards_of(options.shards, role)
+    sets = ("six-imus",) if content["kind"] == "six" else tuple(options.sets or NAMED_SETS)
+    table = {
+        name: {
+            condition: measure_people(network, content["kind"], shards, [name], how, share, most=options.most)
+            for condition, (how, share) in CONDITIONS.items()
+        }
+        for name in sets
+    }
+    text = json.dumps(
+        {"people": role.value, "step": content["step"], "seed": content["seed"], "table": table}, indent=1
+    )
+    if options.out:
+        options.out.write_text(text + "\n", encoding="utf-8")
+    for name, conditions in table.items():
+        for condition, people in conditions.items():
+            mean = mean_measures(list(people.values()))
+            print(f"{name:20s} {condition:38s}", " ".join(f"{what} {value:.2f}" for what, value in mean.items()))
 
 
 def main() -> None:
@@ -90,11 +126,20 @@ def main() -> None:
     train.add_argument("--seed", type=int, default=1)
     train.add_argument("--threads", type=int, default=1)
     train.add_argument("--start", type=Path, help="a checkpoint whose weights to begin with")
+    export = commands.add_parser("export", help="write the file that runs without torch")
+    measured = commands.add_parser("measure", help="measure a checkpoint on people who are left out")
+    for command in (export, measured):
+        command.add_argument("checkpoint", type=Path)
+        command.add_argument("--shards", type=Path, required=True)
+        command.add_argument("--out", type=Path, required=command is export)
+    measured.add_argument("--test", action="store_true", help="the test people; else those who validate")
+    measured.add_argument("--sets", nargs="*", choices=tuple(NAMED_SETS))
+    measured.add_argument("--most", type=int, default=24, help="stretches of ten seconds a person")
     options = parser.parse_args()
     if options.command == "shards":
         build_shards(options.data, options.out, progress=lambda person, frames: print(person, frames, flush=True))
     else:
-        _train(options)
+        {"train": _train, "export": _export, "measure": _measure}[options.command](options)
 
 
 if __name__ == "__main__":

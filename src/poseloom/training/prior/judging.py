@@ -80,7 +80,9 @@ def judging_batch(
 def half_correction(network: nn.Module, batch: Batch, share: float = 0.5) -> Tensor:
     """(batch, 1, joints, 3, 3): by how much to turn the network's bones, from what it estimates of a held pose."""
     with torch.inference_mode():
-        still = split(network(batch.held[:, None].expand(-1, round(1.5 * RATE), -1))).rotations[:, -1]
+        still = split(
+            network(batch.held[:, None].expand(-1, round(1.5 * RATE), -1))[:, -1:], batch.held_base[:, None]
+        ).rotations[:, 0]
     off = rotvec_from_matrix((still.transpose(-1, -2) @ batch.known).numpy().astype(np.float64))
     return tensor(matrix_from_rotvec(share * off).astype(np.float32))[:, None]
 
@@ -94,7 +96,7 @@ def judge(network: nn.Module, batch: Batch, share: float = 0.0) -> dict[str, flo
         share: Of the constant difference at the calibration pose by which bones are turned.
     """
     with torch.inference_mode():
-        estimate = split(network(batch.inputs))
+        estimate = split(network(batch.inputs), batch.base)
         rotations = estimate.rotations
         if share > 0:
             rotations = rotations @ half_correction(network, batch, share)
@@ -120,7 +122,7 @@ def sigma_factors(network: nn.Module, batches: Sequence[Batch]) -> Floats[Array,
     squares: list[Floats[Array, "frames joints"]] = []
     for batch in batches:
         with torch.inference_mode():
-            estimate = split(network(batch.inputs))
+            estimate = split(network(batch.inputs), batch.base)
         kept = batch.weights.numpy() > 0
         truth, told = (each.numpy()[kept].astype(np.float64) for each in (batch.rotations, estimate.rotations))
         off = rotvec_from_matrix(told.swapaxes(-1, -2) @ truth)

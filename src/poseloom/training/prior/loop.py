@@ -156,7 +156,7 @@ def train_prior(
 def _step(
     network: PriorGru, batch: Batch, optimiser: torch.optim.Optimizer, settings: PriorSettings
 ) -> dict[str, float]:
-    parts = loss_parts(split(network(batch.inputs)), batch)
+    parts = loss_parts(split(network(batch.inputs), batch.base), batch)
     cost = total_loss(parts, settings.losses)
     optimiser.zero_grad()
     cost.backward()  # pyright: ignore[reportUnknownMemberType]

@@ -103,9 +103,8 @@ class MotionPool:
     ) -> tuple[Floats32[Array, "frames dofs"], Floats32[Array, "frames 4"], Floats32[Array, "frames"]]:
         person = int(generator.choice(len(self.shards), p=self._people))
         shard = self.shards[person]
-        start, stop = (
-            int(end) for end in shard.bounds[int(generator.choice(len(shard.bounds), p=self._clips[person]))]
-        )
+        clip = int(generator.choice(len(shard.bounds), p=self._clips[person]))
+        start, stop = int(shard.bounds[clip, 0]), int(shard.bounds[clip, 1])
         factor = float(np.exp(generator.uniform(np.log(settings.slowest), np.log(settings.fastest))))
         wanted = settings.frames + LEAD + 1
         room = (stop - start - 1) - (wanted - 1) * factor

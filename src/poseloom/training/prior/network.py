@@ -51,8 +51,8 @@ class PriorGru(nn.Module):
         self.memory = nn.GRU(shape.hidden, shape.hidden, shape.layers, batch_first=True)
         self.head = nn.Linear(shape.hidden, OUTPUT_SIZE)
         with torch.no_grad():
-            # Upright bones to begin with: a network far from any pose loses its first hundreds of steps.
-            self.head.weight.mul_(0.3)
+            # The base itself to begin with: a network far from any pose loses its first hundreds of steps.
+            self.head.weight.mul_(0.1)
             self.head.bias[:OUTPUT_ROTATIONS] = torch.tensor([1.0, 0, 0, 0, 1.0, 0]).repeat(len(BODY_BONES))
 
     def forward(self, inputs: Tensor) -> Tensor:
@@ -61,9 +61,14 @@ class PriorGru(nn.Module):
         return self.head(heard)
 
 
-def split(raw: Tensor) -> Estimate:
-    """Raw outputs by meaning."""
+def split(raw: Tensor, base: Tensor) -> Estimate:
+    """Raw outputs by meaning.
+
+    Args:
+        raw: (batch, frames, outputs).
+        base: (batch, frames, joints, 3, 3): rotations that those of the outputs follow; see `channels`.
+    """
     columns = raw[..., :OUTPUT_ROTATIONS].reshape(*raw.shape[:-1], len(BODY_BONES), 6)
     doubts = raw[..., OUTPUT_ROTATIONS : OUTPUT_ROTATIONS + OUTPUT_SIGMAS]
     log_sigma = (doubts + LOG_SIGMA_OFFSET).clamp(*LOG_SIGMA_BOUNDS)
-    return Estimate(matrix_from_columns(columns), log_sigma, raw[..., -7:-3], raw[..., -3:])
+    return Estimate(base @ matrix_from_columns(columns), log_sigma, raw[..., -7:-3], raw[..., -3:])

@@ -13,7 +13,7 @@ from numpy.random import Generator
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from poseloom.methods.prior.channels import RATE, REFERENCE_ORDER, Channel, InputSpec
+from poseloom.methods.prior.channels import RATE, REFERENCE_ORDER, Channel, InputSpec, likeness
 from poseloom.sensors.layout import SensorKind, SensorSpec, make_layout
 from poseloom.sensors.placement import default_placements
 from poseloom.skeleton.body import BODY_BONES, average_body
@@ -32,24 +32,28 @@ class Batch:
 
     Attributes:
         inputs: (batch, frames, inputs).
+        base: (batch, frames, joints, 3, 3): what the network's rotations follow; see `channels`.
         rotations: (batch, frames, joints, 3, 3): bones in the reference's axes as measured.
         velocity: (batch, frames, 3): of the root, the reference's axes, m/s.
         contacts: (batch, frames, 4).
         weights: (batch, frames): 0 where a stretch is padded.
         offsets: (batch, joints, 3): rest offsets of the bodies.
         held: (batch, inputs): what the network receives in the calibration pose.
+        held_base: (batch, joints, 3, 3): the base there.
         known: (batch, joints, 3, 3): bones in that pose as asked for, in the reference's axes as measured there.
         errors: (batch, frames, bones): turn of each sensor from its bone, radians; NaN where it does not measure.
         frame: (batch, frames, 3, 3): the reference's axes in the world.
     """
 
     inputs: Tensor
+    base: Tensor
     rotations: Tensor
     velocity: Tensor
     contacts: Tensor
     weights: Tensor
     offsets: Tensor
     held: Tensor
+    held_base: Tensor
     known: Tensor
     errors: Tensor
     frame: Tensor
@@ -68,6 +72,8 @@ class _Worn:
         reference: (batch,): the reference's position in the list.
         oriented: (batch,): whether there is one.
         order: (bones,): place of each bone in `REFERENCE_ORDER`.
+        likest: (batch, joints): position in the list of the sensor that each body bone follows.
+        last: (batch, frames, bones): the sample at which each was last measured.
     """
 
     true: Tensor
@@ -78,6 +84,8 @@ class _Worn:
     reference: Tensor
     oriented: Tensor
     order: Tensor
+    likest: Tensor
+    last: Tensor
 
 
 def measure(scene: Scene, masks: SensorMasks, spec: InputSpec, errors: SensorErrors, generator: Generator) -> Batch:
@@ -112,17 +120,19 @@ def measure(scene: Scene, masks: SensorMasks, spec: InputSpec, errors: SensorErr
     reference = torch.where(worn.oriented, worn.reference, -1)
     sizes = sizes_of(scene.offsets)
     inputs = assemble(values, there, back[..., 1], reference, sizes, torch.where(wear.given, wear.pose, 0), spec)
-    held, known = _hold(scene, worn, wear, spec, sizes)
+    held, held_base, known = _hold(scene, worn, wear, spec, sizes)
     off = lengths(rotvec_from_matrix(worn.true[:, now].transpose(-1, -2) @ worn.measured[:, now]))
     steps = scene.positions[:, now, 0] - scene.positions[:, LEAD - 1 : -2, 0]
     return Batch(
         inputs,
+        _base(worn, worn.measured[:, now], back),
         back[:, :, None] @ scene.rotations[:, now],
         turn(back, steps * RATE),
         scene.contacts[:, now],
         scene.weights[:, now],
         scene.offsets,
         held,
+        held_base,
         known,
         torch.where(there[..., Channel.ROTATION], off, math.nan),
         worn.frame,
@@ -153,17 +163,18 @@ def _put_on(
     oriented = chosen[..., Channel.ROTATION]
     order = torch.tensor([REFERENCE_ORDER.index(bone) for bone in spec.bones])
     reference = torch.where(oriented, order, len(BODY_BONES)).argmin(1)
-    frame = _reference_axes(measured[:, LEAD : LEAD + frames], scene, reference, oriented.any(1), away)
-    return _Worn(true, measured, places, there, frame, reference, oriented.any(1), order)
+    last = torch.where(away, 0, torch.arange(frames)[:, None]).cummax(1).values
+    frame = _reference_axes(measured[:, LEAD : LEAD + frames], scene, reference, oriented.any(1), last)
+    unlike = tensor(likeness()[:, bones].astype(np.float32))
+    likest = torch.where(oriented[:, None], unlike, torch.inf).argmin(-1)
+    return _Worn(true, measured, places, there, frame, reference, oriented.any(1), order, likest, last)
 
 
-def _reference_axes(measured: Tensor, scene: Scene, reference: Tensor, oriented: Tensor, away: Tensor) -> Tensor:
+def _reference_axes(measured: Tensor, scene: Scene, reference: Tensor, oriented: Tensor, last: Tensor) -> Tensor:
     """The reference as measured, the last one while it is missing; the hips' heading where there is none."""
     batch, frames = measured.shape[:2]
     rows = torch.arange(batch)
-    missing = away[rows, :, reference]
-    last = torch.where(missing, 0, torch.arange(frames)).cummax(1).values
-    held = measured[rows[:, None], last, reference[:, None]]
+    held = measured[rows[:, None], last[rows, :, reference], reference[:, None]]
     hips = scene.rotations[:, LEAD : LEAD + frames, 0]
     level = yaw(torch.atan2(hips[..., 0, 2] - hips[..., 2, 0], hips[..., 0, 0] + hips[..., 2, 2]))
     return torch.where(oriented[:, None, None, None], held, level)
@@ -208,8 +219,8 @@ def _bends(scene: Scene, bones: list[int], errors: SensorErrors, generator: Gene
     return gain * angle + errors.bend * varying(len(angle), angle.shape[1], len(bones), 1, generator)
 
 
-def _hold(scene: Scene, worn: _Worn, wear: Wear, spec: InputSpec, sizes: Tensor) -> tuple[Tensor, Tensor]:
-    """What a network receives while the calibration pose is held, and how that pose stands in the reference's axes."""
+def _hold(scene: Scene, worn: _Worn, wear: Wear, spec: InputSpec, sizes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """What a network receives while the calibration pose is held, its base, and the pose in the reference's axes."""
     rows = torch.arange(len(sizes))
     frame = torch.where(worn.oriented[:, None, None], wear.held[rows, worn.reference], torch.eye(3))
     back = frame.transpose(-1, -2)
@@ -228,7 +239,18 @@ def _hold(scene: Scene, worn: _Worn, wear: Wear, spec: InputSpec, sizes: Tensor)
     }
     reference = torch.where(worn.oriented, worn.reference, -1)
     inputs = assemble(values, chosen, back[:, None, :, 1], reference, sizes, wear.pose, spec)[:, 0]
-    return inputs, back[:, None] @ known_pose(wear.pose)
+    base = torch.where(
+        worn.oriented[:, None, None, None], back[:, None] @ wear.held[rows[:, None], worn.likest], torch.eye(3)
+    )
+    return inputs, base, back[:, None] @ known_pose(wear.pose)
+
+
+def _base(worn: _Worn, measured: Tensor, back: Tensor) -> Tensor:
+    """For each body bone the likest sensor's rotation as last measured, in the reference's axes."""
+    batch, frames = measured.shape[:2]
+    rows, sensors = torch.arange(batch)[:, None, None], worn.likest[:, None].expand(-1, frames, -1)
+    held = measured[rows, worn.last.gather(2, sensors), sensors]
+    return torch.where(worn.oriented[:, None, None, None, None], back[:, :, None] @ held, torch.eye(3))
 
 
 def _spots() -> Tensor:
