@@ -169,7 +169,7 @@ def size_matrix() -> Floats[Array, "joints sizes"]:
 
 def fill_inputs(
     spec: InputSpec,
-    values: dict[Channel, Floats[Array, "bones numbers"]],
+    values: dict[Channel, Floats[Array, "bones _"]],
     measured: Bools[Array, "bones channels"],
     up: Floats[Array, "3"],
     reference: str,
@@ -188,7 +188,7 @@ def fill_inputs(
         pose: At which the residuals were taken.
     """
     rows = list(spec.indices)
-    parts: list[Floats[Array, "bones numbers"]] = []
+    parts: list[Floats[Array, "bones _"]] = []
     for channel in spec.channels:
         there = measured[rows, channel][:, None]
         numbers = np.where(there, values[channel][rows], 0.0) / CHANNEL_SCALES[channel]

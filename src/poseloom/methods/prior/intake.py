@@ -156,7 +156,7 @@ class PriorIntake:
         turning = _turn(sensor_axes, sample.angular_rates)
         reference, axes, missing, switched = self._reference(state, rotations, oriented)
 
-        channels: dict[Channel, Floats[Array, "sensors numbers"]] = {
+        channels: dict[Channel, Floats[Array, "sensors _"]] = {
             Channel.ROTATION: (axes.T @ rotations)[:, :, :2].swapaxes(1, 2).reshape(-1, 6),
             Channel.ACCELERATION: _weighted(felt, state.accelerations) @ axes,
             Channel.ANGULAR_RATE: _halfway(turning, state.rates) @ axes,
@@ -207,8 +207,8 @@ class PriorIntake:
         return relative
 
     def _by_bone(
-        self, channels: dict[Channel, Floats[Array, "sensors numbers"]]
-    ) -> tuple[dict[Channel, Floats[Array, "bones numbers"]], Bools[Array, "bones channels"]]:
+        self, channels: dict[Channel, Floats[Array, "sensors _"]]
+    ) -> tuple[dict[Channel, Floats[Array, "bones _"]], Bools[Array, "bones channels"]]:
         """Sensors' numbers by body bone; of two sensors of one kind on a bone the first counts."""
         measured = np.zeros((len(BODY_BONES), len(Channel)), dtype=np.bool_)
         values = {channel: np.zeros((len(BODY_BONES), CHANNEL_SIZES[channel])) for channel in Channel}

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats, Floats32, frozen
 from poseloom.errors import FormatError
@@ -79,7 +80,7 @@ class PriorNetwork:
     def __init__(
         self,
         spec: InputSpec,
-        weights: Mapping[str, np.ndarray[Any, Any]],
+        weights: Mapping[str, NDArray[Any]],
         sigma_factors: Floats[Array, "joints"] | None = None,
         card: Mapping[str, Any] | None = None,
     ) -> None:
@@ -158,9 +159,9 @@ class PriorNetwork:
 
 def rotations_from_columns(columns: Floats[Array, "joints 2 3"]) -> Floats[Array, "joints 3 3"]:
     """Rotation matrices of their first two columns, made orthonormal by Gram and Schmidt."""
-    x = columns[:, 0] / np.sqrt((columns[:, 0] ** 2).sum(axis=1, keepdims=True) + 1e-8)
+    x = columns[:, 0] / np.maximum(np.linalg.norm(columns[:, 0], axis=1, keepdims=True), 1e-9)
     y = columns[:, 1] - (x * columns[:, 1]).sum(axis=1, keepdims=True) * x
-    y = y / np.sqrt((y**2).sum(axis=1, keepdims=True) + 1e-8)
+    y = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-9)
     z = np.stack(
         [
             x[:, 1] * y[:, 2] - x[:, 2] * y[:, 1],

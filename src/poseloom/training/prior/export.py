@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from torch import nn
 
-from poseloom.arrays import Array, Floats
 from poseloom.methods.prior.calibration import CORRECTED_SHARE
 from poseloom.methods.prior.channels import RATE
 from poseloom.methods.prior.model_file import write_prior
@@ -61,7 +61,7 @@ def export_prior(
     return held
 
 
-def weights_of(network: nn.Module) -> dict[str, Floats[Array, "..."]]:
+def weights_of(network: nn.Module) -> dict[str, NDArray[Any]]:
     """A network's weights as arrays."""
     return {name: value.detach().numpy() for name, value in network.state_dict().items()}
 

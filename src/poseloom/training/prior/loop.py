@@ -144,7 +144,7 @@ def train_prior(
         step += 1
         if step % every == 0 or step == settings.steps:
             told = {name: float(np.mean([entry[name] for entry in losses])) for name in losses[0]}
-            curve.append({"step": step, "seconds": time.monotonic() - begin, **told, **judge(mean)})
+            curve.append({"step": float(step), "seconds": time.monotonic() - begin, **told, **judge(mean)})
             losses = []
             _save(checkpoint, network, mean, optimiser, settings, seed, step, curve)
             if progress is not None:

@@ -1,5 +1,6 @@
 """Draws stretches of motion from shards: balanced by person, mirrored, faster or slower, with others' arms."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -105,7 +106,7 @@ class MotionPool:
         shard = self.shards[person]
         clip = int(generator.choice(len(shard.bounds), p=self._clips[person]))
         start, stop = int(shard.bounds[clip, 0]), int(shard.bounds[clip, 1])
-        factor = float(np.exp(generator.uniform(np.log(settings.slowest), np.log(settings.fastest))))
+        factor = math.exp(generator.uniform(math.log(settings.slowest), math.log(settings.fastest)))
         wanted = settings.frames + LEAD + 1
         room = (stop - start - 1) - (wanted - 1) * factor
         first = float(generator.uniform(0, room)) if room > 0 else 0.0

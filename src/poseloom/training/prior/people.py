@@ -1,6 +1,7 @@
 """Which people the prior learns from, which it is chosen by and which it is measured on: a split by person."""
 
 import enum
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -52,7 +53,7 @@ def role_of(person: str) -> Role:
     """A person's role: every CMU person who is not left out trains, nobody of another laboratory does."""
     if person in LEFT_OUT:
         return LEFT_OUT[person]
-    return Role.TRAIN if person.startswith("cmu") else Role.UNUSED
+    return Role.TRAIN if re.fullmatch(r"cmu\d+", person) else Role.UNUSED
 
 
 def person_sources(data: Path) -> dict[str, tuple[Source, ...]]:
