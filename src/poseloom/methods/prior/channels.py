@@ -3,9 +3,9 @@
 For each bone of the network's list, in this order: rotation (the first two columns of its matrix), acceleration,
 angular rate, position, bend and calibration residual, each followed by 1 where it was measured and 0 where not (its
 numbers are 0 then). After the bones: the up direction, which bone is the reference, body size, calibration pose.
-The rotations that a network gives follow a base, bone by bone: the rotation, as last measured, of the measured bone that
-is likest to it (`likeness`); the identity where none is measured. All vectors are in the axes of the reference bone as
-measured; without any orientation the reference is level and faces the way the hips face.
+The rotations that a network gives follow a base, bone by bone: the rotation, as last measured, of the measured bone
+that is likest to it (`likeness`); the identity where none is measured. All vectors are in the axes of the reference
+bone as measured; without any orientation the reference is level and faces the way the hips face.
 """
 
 from collections.abc import Mapping, Sequence
