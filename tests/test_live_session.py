@@ -186,8 +186,8 @@ def test_sinks_that_fail_or_are_slow_cost_themselves_only(walk: Recording):
         name = "slow"
 
         def show(self, update: Update) -> None:
-            time.sleep(0.3)
             super().show(update)
+            wait_for(lambda: len(ears.updates) >= 100)  # slower than all others, on any machine
 
     class Broken(Ears):
         name = "broken"
@@ -198,7 +198,7 @@ def test_sinks_that_fail_or_are_slow_cost_themselves_only(walk: Recording):
     slow, broken, prompt, ears = Slow(capacity=1), Broken(), Broken(capacity=0), Ears()
     summary = Session(plan_of(ReplaySource(walk, speed=2.0), slow, broken, prompt, ears)).run()
     assert len(ears.updates) == summary.counters.frames >= len(walk) - summary.counters.dropped
-    assert len(slow.updates) < 0.9 * len(ears.updates)
+    assert len(slow.updates) < len(ears.updates) - 90
     assert summary.counters.unseen >= len(ears.updates) - len(slow.updates) - 1
     assert [update.number for update in slow.updates] == sorted(update.number for update in slow.updates)
     assert sum("out of paper" in notice.text for notice in summary.notices) == 2
@@ -354,7 +354,10 @@ session = Session(plan_session(settings))
 def tell():
     while session.counters.frames < 150:
         time.sleep(0.01)
-    print(session.counters.samples, flush=True)
+    made = session.counters.samples
+    while session.counters.samples < made + 120:
+        time.sleep(0.01)
+    print(made, flush=True)
 threading.Thread(target=tell, daemon=True).start()
 session.run()
 """
@@ -366,7 +369,7 @@ session.run()
     process.stdout.close()
     session, _, same = solved_again(tmp_path / "a.mcap")
     assert CUT_OFF in session.recording.settings
-    assert len(session.recording) >= made - 60
+    assert len(session.recording) >= made  # two seconds ago
     assert len(session.steps) > 0
     assert same.identical == same.compared == len(session.steps)
 
@@ -451,7 +454,8 @@ def test_hostile_packets_are_counted_and_nothing_else(walk: Recording):
             broken[int(rng.integers(len(broken)))] = 0
             speaker.sendto(bytes(broken), address)
             time.sleep(1 / 60)
-    wait_for(lambda: session.counters.packets >= 60 * 7 - session.counters.lost)
+            # No faster than they are received: what the system's buffer drops is not counted.
+            wait_for(lambda i=i: session.counters.packets >= 7 * (i + 1) - session.counters.lost)
     session.stop()
     thread.join()
     counters = done[0].counters
@@ -541,10 +545,12 @@ def test_a_serial_line_is_heard_until_and_after_it_goes_away(tmp_path: Path):
         with pseudo_terminal(link) as (write, _):
             wait_for(lambda: any("is back" in notice.text for notice in session.notices))
             heard = len(ears.updates)
-            for i in range(60):
-                write(encode_counts([600.0 + i, 601.0, 602.0, 603.0]))
+            deadline, i = time.monotonic() + 60.0, 0
+            while len(ears.updates) <= heard + 30:
+                assert time.monotonic() < deadline, "nothing is received after the line is back"
+                write(encode_counts([600.0 + i % 60, 601.0, 602.0, 603.0]))
                 time.sleep(0.005)
-            wait_for(lambda: len(ears.updates) > heard + 30)
+                i += 1
     finally:
         process.kill()
         process.wait()

@@ -84,7 +84,7 @@ class Live:
         self.session = Session(plan)
         self.thread = threading.Thread(target=self.session.run, daemon=True)
         self.thread.start()
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + 120.0
         while source.port == 0 and self.thread.is_alive() and time.monotonic() < deadline:
             time.sleep(0.01)
         assert source.port, "the session has not begun"

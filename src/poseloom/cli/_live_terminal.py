@@ -27,7 +27,7 @@ class TerminalSink:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._told = 0
-        self._shown = 0.0
+        self._shown = float("-inf")
         self._live: Live | None = None
 
     def open(self, facts: SessionFacts, post: Post) -> None:

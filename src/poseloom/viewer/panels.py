@@ -73,7 +73,7 @@ class LivePanel:
         gui.main_panel.dock_right()
         self.tabs.dock_below(gui.main_panel)
         self._calibrating = False
-        self._written = 0.0
+        self._written = float("-inf")
         self.changed(facts)
 
     def changed(self, facts: SessionFacts) -> None:
@@ -172,7 +172,7 @@ class LivePlots:
             self._latency_plot = add_plot(gui, look, self._latency.lines())
             look = PlotLook("health: 3 ok, 2 degraded or rejoining, 1 coasting, 0 lost", ("health",), (LOST,), 0.0)
             self._health_plot = add_plot(gui, look, self._health.lines())
-        self._drawn = 0.0
+        self._drawn = float("-inf")
 
     def add(self, update: Update) -> None:
         """Keeps the values of one step."""

@@ -59,7 +59,7 @@ class SessionViewer:
         self._plots: LivePlots | None = None
         self._options: ViewOptions | None = None
         self._post: Post = _nobody
-        self._drawn = 0.0
+        self._drawn = float("-inf")  # the clock may have begun a moment ago
         self._told = 0
         self.frames = 0
 

@@ -41,7 +41,7 @@ class TakeControls:
         self._add_plots(gui)
         gui.main_panel.dock_right()
         self.tabs.dock_below(gui.main_panel)
-        self._slid = self._written = 0.0
+        self._slid = self._written = float("-inf")
         self._playing = False
 
     def draw(self, now: float) -> None:
@@ -51,7 +51,7 @@ class TakeControls:
             self._playing = self._clock.playing
             self._play.label = "Pause" if self._playing else "Play"
             self._play.icon = viser.Icon.PLAYER_PAUSE if self._playing else viser.Icon.PLAYER_PLAY
-            self._slid = self._written = 0.0
+            self._slid = self._written = float("-inf")
         if current - self._slid > _SLIDER_PERIOD or not self._playing:
             self._slid = current
             self._time.value = round(now, 2)
