@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from poseloom.errors import PoseloomError
     from poseloom.evaluation.metrics import evaluate_motion
-    from poseloom.formats import read_motions, write_motion
+    from poseloom.formats import read_motion, read_motions, write_motion
     from poseloom.formats.recording import read_recording, write_recording
     from poseloom.library import MotionLibrary, build_library, open_library
     from poseloom.methods.contract import Frame, Reconstructor
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from poseloom.methods.trackers import InverseKinematics, LocalFilter, LocalRegression
     from poseloom.report.html import write_report
     from poseloom.samples import sample_motions
-    from poseloom.sensors.layout import layout
-    from poseloom.sensors.recording import Recording
+    from poseloom.sensors.layout import layout, make_layout
+    from poseloom.sensors.placement import default_placements
+    from poseloom.sensors.recording import Recording, make_recording
     from poseloom.skeleton.body import average_body
     from poseloom.skeleton.kinematics import motion_frames
     from poseloom.skeleton.motion import Motion
@@ -44,10 +45,14 @@ _HOMES = {
     "TrackerNoise": "synthesis.noise",
     "average_body": "skeleton.body",
     "build_library": "library",
+    "default_placements": "sensors.placement",
     "evaluate_motion": "evaluation.metrics",
     "layout": "sensors.layout",
+    "make_layout": "sensors.layout",
+    "make_recording": "sensors.recording",
     "motion_frames": "skeleton.kinematics",
     "open_library": "library",
+    "read_motion": "formats",
     "read_motions": "formats",
     "read_recording": "formats.recording",
     "reconstruct": "methods.reconstruction",
@@ -76,10 +81,14 @@ __all__ = [
     "TrackerNoise",
     "average_body",
     "build_library",
+    "default_placements",
     "evaluate_motion",
     "layout",
+    "make_layout",
+    "make_recording",
     "motion_frames",
     "open_library",
+    "read_motion",
     "read_motions",
     "read_recording",
     "reconstruct",

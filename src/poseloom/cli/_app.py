@@ -20,6 +20,7 @@ TOPICS = (
     "libraries",
     "sensing",
     "imus",
+    "tracker_tables",
     "calibrating",
     "fitting",
     "flex_sensor",

@@ -1,6 +1,5 @@
 """Bench recordings of flex sensors: counts of several sensors over one joint beside the joint's true angle, as CSV."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
-from poseloom.formats._files import decode, read_bytes
+from poseloom.formats.text_tables import Table, read_table
 
 _ANGLE = "angle"
 _DISPLACED = "displacement.csv"
@@ -78,15 +77,15 @@ def read_displaced_tables(folder: Path, rate: float = 50.0) -> dict[tuple[float,
     path = folder / _DISPLACED
     if not path.is_file():
         return {}
-    lines = decode(read_bytes(path)).splitlines()
-    header = [name.strip() for name in lines[0].split(",")]
+    table = read_table(path, heads=1)
+    header = list(table.names)
     channels = [name for name in header if name[:1] == "r" and name[1:].isdigit()]
     lacking = [name for name in (*_PLACE, _ANGLE) if name not in header]
     if lacking or not channels:
         raise FormatError(
             f"no column {', '.join(lacking) or 'r1'}", remedy="Give r1, r2 ..., angle, circular and lateral", file=path
         )
-    values = _numbers(path, lines, header, [*channels, _ANGLE, *_PLACE])
+    values = _numbers(table, [*channels, _ANGLE, *_PLACE])
     bends = np.radians(np.clip(180.0 - values[:, -3], 0.0, 180.0))
     tables: dict[tuple[float, float], BendTable] = {}
     for place in np.unique(values[:, -2:], axis=0):
@@ -98,13 +97,13 @@ def read_displaced_tables(folder: Path, rate: float = 50.0) -> dict[tuple[float,
 
 
 def _read(path: Path, rate: float) -> BendTable | None:
-    lines = decode(read_bytes(path)).splitlines()
-    header = [name.strip() for name in lines[0].split(",")]
+    table = read_table(path, heads=1)
+    header = list(table.names)
     channels = [name for name in header if name[:1] == "r" and name[1:].isdigit()]
     person, _, number = path.stem.rpartition("_")
     if _ANGLE not in header or not channels or not person or not number.isdigit():
         return None
-    values = _numbers(path, lines, header, [*channels, _ANGLE])
+    values = _numbers(table, [*channels, _ANGLE])
     if len(values) < _LEAST_ROWS:
         raise FormatError(
             f"the table has {len(values)} rows", remedy=f"Give at least {_LEAST_ROWS}, or remove the file", file=path
@@ -113,21 +112,15 @@ def _read(path: Path, rate: float) -> BendTable | None:
     return BendTable(path.stem, person, rate, tuple(channels), bends, np.ascontiguousarray(values[:, :-1]))
 
 
-def _numbers(path: Path, lines: list[str], header: list[str], names: list[str]) -> Floats[Array, "rows columns"]:
+def _numbers(table: Table, names: list[str]) -> Floats[Array, "rows columns"]:
     """The columns of these names, as finite numbers."""
-    wanted = [header.index(name) for name in names]
-    rows: list[list[float]] = []
-    for at, line in enumerate(lines[1:], start=2):
-        if not line.strip():
-            continue
-        fields = line.split(",")
-        try:
-            row = [float(fields[column]) for column in wanted]
-        except (ValueError, IndexError):
-            row = [math.nan]
-        if len(fields) != len(header) or not all(math.isfinite(value) for value in row):
-            raise FormatError(
-                f"this line does not hold {len(header)} numbers", remedy="Mend or remove it", file=path, line=at
-            )
-        rows.append(row)
-    return np.array(rows).reshape(-1, len(wanted))
+    values = table.columns(table.find(*names))
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if bad.size:
+        raise FormatError(
+            f"this line does not hold {len(table.names)} numbers",
+            remedy="Mend or remove it",
+            file=table.file,
+            line=table.lines[int(bad[0])],
+        )
+    return values

@@ -35,7 +35,7 @@ def read_expmap(path: Path, skeleton: Path | None = None) -> Motion:
         FormatError: with the line, for a file that is no table of finite numbers with a column for each joint's axes.
         SkeletonError: for an impossible hierarchy.
     """
-    content = read_bytes(path)
+    content = _plain(read_bytes(path))
     if b"," not in content:
         raise FormatError(
             "this is no table of exponential maps",
@@ -71,6 +71,15 @@ def read_expmap(path: Path, skeleton: Path | None = None) -> Motion:
         return _motion(tokens.values.reshape(-1, columns), names, bones, scale, rate, path.stem)
     except PoseloomError as error:
         raise error if error.file else error.at(path) from None
+
+
+def _plain(content: bytes) -> bytes:
+    """The table with commas between the cells and decimal points, whatever its dialect, line by line as it was."""
+    text = decode(content)
+    mark = next((mark for mark in ";\t" if mark in text), "")
+    if mark:
+        text = (text.replace(",", ".") if "." not in text else text).replace(mark, ",")
+    return text.encode()
 
 
 def _motion(

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
-from poseloom.formats._files import decode, read_bytes
+from poseloom.formats._files import decode, read_bytes, split_lines
 from poseloom.formats.imus.tracks import ImuTrack, make_track
+from poseloom.formats.table_times import usual_step
 
 _END = "endheader"
 
@@ -21,7 +23,9 @@ def read_sto(path: Path) -> tuple[ImuTrack, ...]:
     Raises:
         FormatError: with the line, for a file of other values than quaternions, or a damaged one.
     """
-    lines = decode(read_bytes(path)).splitlines()
+    lines = [line.rstrip() for line in split_lines(decode(read_bytes(path)))]
+    while lines and not lines[-1]:
+        lines.pop()
     end = next((i for i, line in enumerate(lines) if line.strip() == _END), None)
     if end is None or len(lines) < end + 3:
         raise FormatError("this storage file has no header, or no line after it", remedy="Export it again", file=path)
@@ -33,9 +37,10 @@ def read_sto(path: Path) -> tuple[ImuTrack, ...]:
             file=path,
         )
     names = lines[end + 1].split("\t")[1:]
-    times = np.empty(len(lines) - end - 2)
-    quats = np.empty((len(times), len(names), 4))
-    for i, line in enumerate(lines[end + 2 :]):
+    rows = [(end + 3 + i, line) for i, line in enumerate(lines[end + 2 :]) if line]
+    times = np.empty(len(rows))
+    quats = np.empty((len(rows), len(names), 4))
+    for i, (number, line) in enumerate(rows):
         cells = line.split("\t")
         try:
             if len(cells) != len(names) + 1:
@@ -43,11 +48,23 @@ def read_sto(path: Path) -> tuple[ImuTrack, ...]:
             times[i] = float(cells[0])
             quats[i] = [[float(part) for part in cell.split(",")] for cell in cells[1:]]
         except ValueError:
+            commas = len(cells) == len(names) + 1 and all(cell.count(",") > 3 for cell in cells[1:])
             raise FormatError(
                 f"this line does not hold a time and {len(names)} quaternions",
-                cause="the file is damaged, or was cut off",
-                remedy="Mend or cut out that line",
+                cause="commas stand between the parts and within the numbers, which cannot be told apart"
+                if commas
+                else "the file is damaged, or was cut off",
+                remedy="Export it with decimal points" if commas else "Mend or cut out that line",
                 file=path,
-                line=end + 3 + i,
+                line=number,
             ) from None
-    return tuple(make_track(name, times, path, quats_wxyz=quats[:, i]) for i, name in enumerate(names))
+    times, notes = _in_seconds(times)
+    return tuple(make_track(name, times, path, quats_wxyz=quats[:, i], notes=notes) for i, name in enumerate(names))
+
+
+def _in_seconds(times: Floats[Array, "rows"]) -> tuple[Floats[Array, "rows"], list[str]]:
+    """Seconds, which the format asks for; milliseconds, and a note, where seconds would make less than one a second."""
+    step = usual_step(times)
+    if 1.0 <= step <= 250.0:
+        return times * 1e-3, [f"time in ms, for it goes up by {step:g} a row: {1000 / step:.4g} samples a second"]
+    return times, []

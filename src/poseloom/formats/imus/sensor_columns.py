@@ -5,10 +5,12 @@ from dataclasses import dataclass, field
 
 from poseloom.errors import FormatError
 from poseloom.formats.column_map import ColumnMap
-from poseloom.formats.column_names import FORCE, OTHER, QUAT, RATE, Column, read_column_name, unit_of
+from poseloom.formats.column_names import FORCE, OTHER, POSITION, QUAT, RATE, Column, read_column_name, unit_of
 from poseloom.formats.text_tables import Table
 
 LABELS: Mapping[str, str] = {FORCE: "acc", RATE: "gyr", QUAT: "quat"}
+_OWNED = (*LABELS, POSITION)
+"""Quantities that belong to one sensor."""
 _AXES = (("x", "y", "z"), ("1", "2", "3"), ("0", "1", "2"))
 _QUAT_AXES = (("w", "x", "y", "z"), ("0", "1", "2", "3"), ("1", "2", "3", "4"))
 _MAPPED = {"acceleration": FORCE, "angular_rate": RATE, "quaternion": QUAT}
@@ -40,20 +42,20 @@ class SensorColumns:
 def table_columns(table: Table) -> list[Column]:
     """What each column holds, from up to three header rows: sensors, names, units, in any order."""
     rows = [[read_column_name(cell) for cell in head] for head in table.heads]
-    useful = [sum(column.quantity in LABELS for column in row) for row in rows]
+    useful = [sum(column.quantity in _OWNED for column in row) for row in rows]
     named = len(rows) - 1 - useful[::-1].index(max(useful))
     columns = rows[named]
     for at, head in enumerate(table.heads):
         if at == named:
             continue
         spelled = [
-            unit_of(cell, columns[i].quantity) if columns[i].quantity in LABELS else "" for i, cell in enumerate(head)
+            unit_of(cell, columns[i].quantity) if columns[i].quantity in _OWNED else "" for i, cell in enumerate(head)
         ]
         if any(spelled):
             columns = [c._replace(unit=u or c.unit) for c, u in zip(columns, spelled, strict=True)]
         elif at < named:
             columns = [
-                c._replace(sensor=s or c.sensor) if c.quantity in LABELS else c
+                c._replace(sensor=s or c.sensor) if c.quantity in _OWNED else c
                 for c, s in zip(columns, _filled(head), strict=True)
             ]
     return columns

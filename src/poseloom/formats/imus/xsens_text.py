@@ -13,6 +13,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
+from poseloom.formats._files import decode
 from poseloom.formats.imus.tracks import ImuTrack, make_track, quats_from_columns
 from poseloom.formats.text_tables import Table, read_table
 
@@ -23,7 +24,8 @@ _MATRIX = [f"Mat[{row}][{column}]" for column in (1, 2, 3) for row in (1, 2, 3)]
 
 def is_xsens_text(head: bytes) -> bool:
     """Whether a file begins as such an export does."""
-    return head.lstrip().startswith(b"//") and b"PacketCounter" in head
+    text = decode(head)
+    return text.lstrip().startswith("//") and "PacketCounter" in text
 
 
 def read_xsens_text(path: Path, rate: float | None = None) -> ImuTrack:
