@@ -478,8 +478,10 @@ def test_a_port_that_is_taken_is_told():
 def test_listeners_bind_to_this_machine_unless_asked():
     plan = plan_session(LiveSettings(source=("vmc:0", "udp:0"), layout="six-trackers"))
     assert [source.name for source in plan.sources] == ["vmc on 127.0.0.1:0", "udp on 127.0.0.1:0"]
-    asked = plan_session(LiveSettings(source=("vmc",), bind="0.0.0.0"))
+    asked = plan_session(LiveSettings(source=("vmc:0.0.0.0:39539",), bind="127.0.0.1"))
     assert asked.sources[0].name == "vmc on 0.0.0.0:39539"
+    viewed = plan_session(LiveSettings(source=("vmc", "udp:0"), layout="six-trackers", bind="0.0.0.0"))
+    assert [source.name for source in viewed.sources] == ["vmc on 127.0.0.1:39539", "udp on 127.0.0.1:0"]
     assert VmcSender().host == "127.0.0.1"
 
 

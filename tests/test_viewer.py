@@ -30,7 +30,9 @@ from poseloom.cli._app import run
 from poseloom.errors import MethodError, PoseloomError, ViewerError
 from poseloom.formats.recording import write_recording
 from poseloom.live.contract import (
+    ArrivalStatus,
     CalibrationProgress,
+    Command,
     Counters,
     Finding,
     Latency,
@@ -200,6 +202,42 @@ def test_the_printed_address_lets_in_and_leaves_no_token_in_the_history(guarded:
     assert b"<!doctype html>" in body[:100].lower()
     with dial(guarded, Cookie=cookie) as visitor:
         assert len(visitor.recv(timeout=60)) > 100
+
+
+def test_with_a_token_nobody_without_it_presses_buttons_on_the_loopback():
+    posted: list[Command] = []
+    viewer = SessionViewer(port=0, token="new")
+    try:
+        viewer.open(facts_of("six-trackers"), posted.append)
+        server = viewer._server
+        assert "?token=" in viewer.url
+        assert viewer.exposure == ""
+        for path in ("/", "/?token=wrong"):
+            with pytest.raises(websockets.exceptions.InvalidStatus, match="401"):
+                dial(server, path)
+        with pytest.raises(websockets.exceptions.InvalidStatus, match="401"):
+            dial(server, Origin=f"http://127.0.0.1:{server.viser.get_port()}")
+        assert fetch(server, "/")[0] == 401
+        assert server.viser.get_clients() == {}
+        assert posted == []
+        with dial(server, f"/?token={server.access.token}") as visitor:
+            assert len(visitor.recv(timeout=5)) > 100
+    finally:
+        viewer.close()
+
+
+def test_a_token_can_be_chosen_and_is_refused_where_it_can_be_guessed():
+    assert access_for("127.0.0.1", "mine") == Access("mine", True)
+    assert len(access_for("127.0.0.1", "new").token) >= 20
+    assert access_for("0.0.0.0", "a-long-secret-1234") == Access("a-long-secret-1234", False)
+    for bind, token in (("0.0.0.0", "mine"), ("127.0.0.1", "a b"), ("127.0.0.1", "a;b"), ("127.0.0.1", "x" * 200)):
+        with pytest.raises(ViewerError, match="--token new"):
+            access_for(bind, token)
+
+
+def test_a_viewer_off_the_loopback_says_what_others_can_do(guarded: OpenServer):
+    assert "press every button" in guarded.exposure
+    assert "--bind 127.0.0.1" in guarded.exposure
 
 
 def test_nobody_can_open_a_tunnel_to_the_outside(guarded: OpenServer):
@@ -608,6 +646,18 @@ def test_what_is_wrong_stands_in_the_panel(watched: SessionViewer):
     watched.show(update_of(facts, 2, notices=notices))
     assert not watched._panel._findings.visible
     assert [call.args[1] for call in client.add_notification.call_args_list] == ["notice 1", "notice 2"]
+
+
+def test_what_arrives_stands_in_the_panel_without_a_single_pose(watched: SessionViewer):
+    facts = facts_of("six-trackers")
+    watched.open(facts, lambda _command: None)
+    assert not watched._panel._arrivals.visible
+    text = "only bones come from <x> at 60 packets/s; switch on 'send trackers'"
+    notices = tuple(Notice(n, Level.WARNING, said, time.monotonic()) for n, said in ((1, "a port is open"), (2, text)))
+    watched.changed(dataclasses.replace(facts, arrivals=ArrivalStatus(Level.WARNING, text, ""), notices=notices))
+    assert "Only bones come from &lt;x&gt;" in watched._panel._arrivals.content
+    assert watched._panel._arrivals.visible
+    assert "a port is open" in watched._panel._said.content  # and not the same text twice
 
 
 def test_new_facts_change_body_and_buttons(watched: SessionViewer):

@@ -1,12 +1,13 @@
 """The session in the terminal: one line that goes on, and what a person should know above it."""
 
 import time
+from collections.abc import Iterable
 
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from poseloom.live.contract import Level, Post, SessionFacts, Update
+from poseloom.live.contract import Level, Notice, Post, SessionFacts, Update
 
 _EVERY = 0.25
 """Seconds between lines: reading them costs the eye, and writing them the session."""
@@ -46,13 +47,11 @@ class TerminalSink:
     def changed(self, facts: SessionFacts) -> None:
         """See `Sink`."""
         self._facts = facts
+        self._tell(facts.notices)
 
     def show(self, update: Update) -> None:
         """See `Sink`."""
-        for notice in update.notices:
-            if notice.number > self._told:
-                self._told = notice.number
-                self._console.print(Text(notice.text, style=_STYLES[notice.level]), soft_wrap=True)
+        self._tell(update.notices)
         now = time.monotonic()
         if now - self._shown < (_EVERY if self._live else _EVERY_WITHOUT_TERMINAL):
             return
@@ -62,6 +61,12 @@ class TerminalSink:
             self._console.print(line, soft_wrap=True)
         else:
             self._live.update(line, refresh=True)
+
+    def _tell(self, notices: Iterable[Notice]) -> None:
+        for notice in notices:
+            if notice.number > self._told:
+                self._told = notice.number
+                self._console.print(Text(notice.text, style=_STYLES[notice.level]), soft_wrap=True)
 
     def close(self) -> None:
         """See `Sink`."""

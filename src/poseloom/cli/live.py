@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from poseloom.live.session_plan import SessionPlan, SessionSummary
     from poseloom.live.setup import LiveSettings
 
+NOTHING_USABLE = 3
+"""Exit code of a session without a single usable sample."""
 _DEVICES = ("vmc", "udp", "udp-binary", "serial")
 
 
@@ -28,8 +30,8 @@ def live(
             "--source",
             "-s",
             metavar="SPEC",
-            help="Where samples come from: vmc[:PORT], udp[:PORT], serial:DEVICE, replay:FILE, simulate:CLIP;"
-            " options behind commas (docs/live.md). May be repeated.",
+            help="Where samples come from: vmc[:[HOST:]PORT], udp[:[HOST:]PORT], serial:DEVICE, replay:FILE,"
+            " simulate:CLIP; options behind commas (docs/live.md). May be repeated.",
         ),
     ] = None,
     method: Annotated[
@@ -53,7 +55,16 @@ def live(
     ] = None,
     bind: Annotated[
         str | None,
-        typer.Option(help="Address on which sources and the viewer listen; 127.0.0.1 unless given."),
+        typer.Option(
+            help="Address on which the viewer listens; 127.0.0.1 unless given. A source's own stands in the source:"
+            " vmc:0.0.0.0:39539."
+        ),
+    ] = None,
+    token: Annotated[
+        str | None,
+        typer.Option(
+            help="Secret that the viewer's visitors must know, on this machine too; 'new' draws one.", metavar="SECRET"
+        ),
     ] = None,
     folder: Annotated[
         str | None, typer.Option(help="Where recordings and calibrations go that are asked for in the viewer.")
@@ -61,7 +72,7 @@ def live(
     seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.0)] = None,
     config: Annotated[Path | None, typer.Option("--config", help="TOML file with the same as keys; flags win.")] = None,
 ) -> None:
-    """Turn what sensors say into a moving figure, now.
+    """Turn what sensors say into a moving figure, now. Exit code 3: not a single usable sample arrived.
 
     Example: poseloom live -s vmc -l library --view --record session.mcap --send vmc:127.0.0.1:39540
     """  # fmt: skip
@@ -80,10 +91,13 @@ def live(
         "send": None if send is None else tuple(send),
         "export": export,
         "bind": bind,
+        "token": token,
         "folder": folder,
         "seconds": seconds,
     }
-    run_live(make_settings(flags) if config is None else read_settings(config, flags))
+    summary = run_live(make_settings(flags) if config is None else read_settings(config, flags))
+    if summary.counters.usable == 0:
+        raise typer.Exit(NOTHING_USABLE)
 
 
 def run_live(settings: "LiveSettings") -> "SessionSummary":
@@ -98,8 +112,10 @@ def run_live(settings: "LiveSettings") -> "SessionSummary":
     if settings.view:
         from poseloom.viewer.session import SessionViewer
 
-        viewer = SessionViewer(settings.bind, settings.port or None)
+        viewer = SessionViewer(settings.bind, settings.port or None, token=settings.token)
         console.print(f"Open {viewer.url} in a browser.", highlight=False, soft_wrap=True)
+        if viewer.exposure:
+            console.print(viewer.exposure, style="yellow", highlight=False, soft_wrap=True)
         sinks.append(viewer)
     console.print("Getting ready ...", highlight=False)
     summary = _run(plan_session(settings, (*sinks, TerminalSink(console))))
@@ -132,6 +148,7 @@ def _run(plan: "SessionPlan") -> "SessionSummary":
 def _tell(console: object, summary: "SessionSummary") -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     assert isinstance(console, Console)
     counters = summary.counters
@@ -143,11 +160,21 @@ def _tell(console: object, summary: "SessionSummary") -> None:
         f"{counters.stale} late or twice, {counters.malformed} malformed"
     )
     table.add_row("not used", lost)
+    for reason, count in summary.refused.items():
+        table.add_row("", Text(f"{count:,} times {reason}"))
     p50, p95, p99 = summary.latency
     table.add_row("arrival to pose sent", f"p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f} ms")
     for path in summary.recordings:
         table.add_row("recorded", str(path))
     console.print(table)
+    if counters.usable == 0:
+        console.print(
+            f"Not a single usable sample has arrived: {summary.arrivals}.",
+            style="bold red",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
 
 
 def simulate_device(

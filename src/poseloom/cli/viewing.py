@@ -33,6 +33,10 @@ def view(
     bind: Annotated[
         str, typer.Option(help="Address to listen at. Other than 127.0.0.1, only who has the token can look.")
     ] = "127.0.0.1",
+    token: Annotated[
+        str,
+        typer.Option(help="Secret that a visitor must know, on this machine too; 'new' draws one.", metavar="SECRET"),
+    ] = "",
 ) -> None:
     """Play recordings and motions in the browser, truth and methods side by side.
 
@@ -45,9 +49,11 @@ def view(
 
     with progress_bars() as show:
         take = load_take(files, Wanted(tuple(method or ()), library, model, calibration), show)
-    player = Player(take, bind, port)
+    player = Player(take, bind, port, token)
     console = Console()
     console.print(f"Open {player.url} in a browser; Ctrl-C ends it.", highlight=False, soft_wrap=True)
+    if player.exposure:
+        console.print(player.exposure, style="yellow", highlight=False, soft_wrap=True)
     try:
         player.wait()
     except KeyboardInterrupt:

@@ -18,7 +18,7 @@ from poseloom.skeleton.skeleton import Skeleton
 
 @dataclass(frozen=True, eq=False)
 class SessionFacts:
-    """What stays the same until a command changes it.
+    """What stays the same until a command changes it, or until something else arrives.
 
     Attributes:
         layout: The sensors, in the order of all arrays' sensor axis, and the session's rate.
@@ -31,6 +31,8 @@ class SessionFacts:
         sources: The sources, in words, such as "vmc on 127.0.0.1:39539".
         guided: Whether the guided poses can calibrate this layout (trackers alone).
         recording: The file that is being written; None while nothing is recorded.
+        arrivals: What arrives from where, what is missing and what to do; None before it is known.
+        notices: The last few notices when these facts were passed on: where no sample arrives there are no updates.
     """
 
     layout: SensorLayout
@@ -43,6 +45,8 @@ class SessionFacts:
     sources: tuple[str, ...]
     guided: bool
     recording: Path | None = None
+    arrivals: "ArrivalStatus | None" = None
+    notices: tuple["Notice", ...] = ()
 
 
 class Trouble(enum.StrEnum):
@@ -78,6 +82,23 @@ class Level(enum.StrEnum):
     NOTE = "note"
     WARNING = "warning"
     ERROR = "error"
+
+
+@dataclass(frozen=True)
+class ArrivalStatus:
+    """What arrives, for people.
+
+    Attributes:
+        level: NOTE where every sensor arrives and nothing is refused.
+        text: A few sentences without the last full stop.
+        state: The same without rates: another state is a change.
+        rates: The rates in `text`, a second.
+    """
+
+    level: Level
+    text: str
+    state: str
+    rates: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -124,12 +145,13 @@ class Counters:
 
     Attributes:
         packets: Packets or lines that came.
-        malformed: Of these, those that were not understood and dropped.
+        malformed: Packets, or single messages, sensors or values of them, that were not understood and dropped.
         stale: Of these, those that came twice, late or out of order and were dropped.
         samples: Samples that were put together.
         superseded: Samples beyond the session's rate, left out in favour of newer ones.
         lost: Packets that were dropped before they were read, because too many came at once.
         filled: Of the samples, those without any reading, made so that the figure goes on while all is silent.
+        usable: Of the samples, those with a reading of at least one sensor.
         dropped: Samples that the method did not hear because newer ones were waiting (they are recorded nevertheless).
         frames: Poses that were made.
         unseen: Updates that a slow sink did not get, all sinks together.
@@ -143,6 +165,7 @@ class Counters:
     superseded: int = 0
     lost: int = 0
     filled: int = 0
+    usable: int = 0
     dropped: int = 0
     frames: int = 0
     unseen: int = 0

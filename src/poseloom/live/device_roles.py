@@ -29,34 +29,59 @@ _TOO_FAR = 0.35
 _SIDE_COST = 0.05
 
 
-def guess_roles(devices: Sequence[Device], layout: SensorLayout) -> dict[str, str]:
+def guess_roles(
+    devices: Sequence[Device], layout: SensorLayout, known: Mapping[str, str] | None = None
+) -> dict[str, str]:
     """Sensor names by serial number, for a person who stands upright and looks ahead.
 
     A headset is the head; of the controllers the one that is farther left, seen along the headset's heading, is the
-    left hand; trackers go to the layout's other bones by their height, and left from right by
-    their place. What cannot be told is left out.
+    left hand, and a single one is held on the headset's side on which it is; trackers go to the layout's other bones by
+    their height, and left from right by their place. What cannot be told is left out.
 
     Args:
         devices: One of each serial number.
         layout: The sensors.
+        known: Sensor names by serial number that are settled: these devices say where the wearer stands, and their
+            sensors are not given again.
+
+    Returns:
+        What is new.
     """
+    known = known or {}
     roles: dict[str, str] = {}
     headset = next((device for device in devices if device.kind is DeviceKind.HEADSET), None)
-    free = list(layout.sensors)
-    if headset is not None:
+    free = [sensor for sensor in layout.sensors if sensor.name not in known.values()]
+    fresh = [device for device in devices if device.serial not in known]
+    if headset is not None and headset in fresh:
         head = next((sensor for sensor in free if sensor.bone == "head"), None)
         if head is not None:
             roles[headset.serial] = head.name
             free.remove(head)
     lefts = _leftness(devices, headset)
-    hands = sorted((d for d in devices if d.kind is DeviceKind.CONTROLLER), key=lambda d: -lefts[d.serial])
-    for side, device in zip(("left", "right"), (hands[0], hands[-1]) if len(hands) > 1 else (), strict=False):
+    for device, side in _sides_of_controllers(fresh, lefts, headset, [sensor.bone for sensor in free]):
         hand = next((sensor for sensor in free if sensor.bone == f"{side}Hand"), None)
         if hand is not None:
             roles[device.serial] = hand.name
             free.remove(hand)
-    trackers = [device for device in devices if device.kind is DeviceKind.TRACKER]
+    trackers = [device for device in fresh if device.kind is DeviceKind.TRACKER]
     return {**roles, **_trackers(trackers, [(s.name, s.bone) for s in free], lefts, _top(devices, headset))}
+
+
+def _sides_of_controllers(
+    fresh: Sequence[Device], lefts: Mapping[str, float], headset: Device | None, free: Sequence[str]
+) -> list[tuple[Device, str]]:
+    """Which controller is held in which hand."""
+    hands = sorted((d for d in fresh if d.kind is DeviceKind.CONTROLLER), key=lambda d: -lefts[d.serial])
+    if len(hands) > 1:
+        return [(hands[0], "left"), (hands[-1], "right")]
+    if not hands:
+        return []
+    sides = [side for side in ("left", "right") if f"{side}Hand" in free]
+    if len(sides) == 1:
+        return [(hands[0], sides[0])]
+    if headset is None:
+        return []
+    return [(hands[0], "left" if lefts[hands[0].serial] > lefts[headset.serial] else "right")]
 
 
 def _trackers(

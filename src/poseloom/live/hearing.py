@@ -11,6 +11,7 @@ from poseloom.live.pacing import Pace, step_pace
 from poseloom.live.readings import Packet
 from poseloom.live.sinks.outlet import Tell
 from poseloom.sensors import Sample, SensorLayout
+from poseloom.sensors.sample import SensorStatus
 
 _MOST_STREAMS = 64
 """Senders whose clocks are remembered: somebody who invents senders must not fill the memory."""
@@ -62,24 +63,25 @@ class Hearing:
             rate = (len(self._arrivals) - 1) / span if span > 0 else 0.0
         return replace(self._counters, rate=rate)
 
-    def packet(self, packet: Packet, arrival: float, stream: str) -> None:
-        """See `Listener`."""
-        self._count(packets=1)
+    def packet(self, packet: Packet, arrival: float, stream: str) -> bool:
+        """See `Listener`. False for a packet that is late or came twice."""
+        self._count(packets=1, malformed=sum(not refusal.missing for refusal in packet.refused))
         time = arrival
         if packet.time is not None:
             clock, told = step_clock(self._clock_of(stream), packet.time, arrival, self._clock_settings)
             self._clocks[stream] = clock
             if told is None:
                 self._count(stale=1)
-                return
+                return False
             time = told
         if not self._alone and packet.whole:
             packet = replace(packet, whole=False)
         self._assembly, samples = self._assembler.hear(self._assembly, packet, time, arrival)
         for sample in samples:
             self._take(sample)
+        return True
 
-    def malformed(self, reason: str) -> None:
+    def malformed(self, reason: str, sender: str = "") -> None:
         """See `Listener`."""
         self._count(packets=1, malformed=1)
 
@@ -119,7 +121,7 @@ class Hearing:
         if self._thin and not wanted:
             self._count(superseded=1)
             return
-        self._count(samples=1)
+        self._count(samples=1, usable=int((sample.status == int(SensorStatus.OK)).any()))
         self._admit(sample)
 
     def _clock_of(self, stream: str) -> DeviceClock:
@@ -138,6 +140,7 @@ class Hearing:
         superseded: int = 0,
         lost: int = 0,
         filled: int = 0,
+        usable: int = 0,
     ) -> None:
         now = self._counters
         self._counters = replace(
@@ -149,4 +152,5 @@ class Hearing:
             superseded=now.superseded + superseded,
             lost=now.lost + lost,
             filled=now.filled + filled,
+            usable=now.usable + usable,
         )

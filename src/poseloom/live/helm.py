@@ -1,6 +1,7 @@
 """What a person can change while a session runs: the method, the heading, the wearer's body, the recording."""
 
 import asyncio
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 
 from poseloom.calibration.calibration import Calibration
 from poseloom.errors import PoseloomError, unknown_name
-from poseloom.live.contract import Level, SessionFacts
+from poseloom.live.contract import ArrivalStatus, Level, Notice, SessionFacts
 from poseloom.live.recording_desk import RecordingDesk
 from poseloom.live.session_plan import SessionPlan
 from poseloom.live.sinks.outlet import Outlet, Tell
@@ -49,6 +50,8 @@ class Helm:
         self._plan, self._records, self._outlets = plan, records, outlets
         self._reached, self._tell = reached, tell
         self._tasks: set[asyncio.Future[Any]] = set()
+        self._passing = threading.Lock()
+        self._passed: SessionFacts | None = None
         self.facts = SessionFacts(
             layout=plan.layout,
             skeleton=plan.skeleton,
@@ -85,8 +88,20 @@ class Helm:
         """Ends the recording."""
         self._records.end()
         self.facts = replace(self.facts, recording=self._records.path)
-        for outlet in self._outlets:
-            outlet.changed(self.facts)
+        self._pass_on(self.facts)
+
+    def announce(self, arrivals: ArrivalStatus | None, notices: tuple[Notice, ...]) -> None:
+        """Tells the sinks what arrives, and what a person should know, where no update may carry it."""
+        self.facts = replace(self.facts, arrivals=arrivals, notices=notices)
+        # Not with what a restart still has to pass on: a new body belongs to the updates that follow it.
+        self._pass_on(self._passed or self.facts)
+
+    def _pass_on(self, facts: SessionFacts) -> None:
+        with self._passing:
+            self._passed = replace(facts, arrivals=self.facts.arrivals, notices=self.facts.notices)
+            for outlet in self._outlets:
+                if outlet.alive:
+                    outlet.changed(self._passed)
 
     def reset_heading(self) -> None:
         """Turns and moves the world so that the wearer stands at its origin and faces ahead."""
@@ -143,7 +158,6 @@ class Helm:
 
         def begin() -> None:
             self._records.start(number, engine, at)
-            for outlet in self._outlets:
-                outlet.changed(facts)
+            self._pass_on(facts)
 
         self._worker.restart(engine, begin)

@@ -2,22 +2,25 @@
 
 `512,498,601,580` or `40210,512,498,601,580`: a count for each flex sensor of the layout in order, before them perhaps
 the device's milliseconds. Commas, semicolons, blanks or tabs part the numbers; `-` or `nan` stands for a missing one;
-lines that begin with `#` are remarks.
+lines that begin with `#` are remarks. An empty value between commas is missing, too. A comma at the end of a line is
+passed over where the line has a time; without one, the line might as well have a time and lack its last value.
 """
 
 import math
 import re
 from collections.abc import Iterator, Sequence
 
-from poseloom.live.readings import MalformedPacket, Packet, Reading, checked_time
+from poseloom.live.readings import MalformedPacket, Packet, Reading, Refusal, checked_time
 from poseloom.live.wire import checked_count
 
 LONGEST_LINE = 512
 """Bytes; a longer line is none."""
 
-_PARTS = re.compile(rb"[,;\s]+")
+_LISTED = re.compile(rb"[,;]")
+_SEPARATED = re.compile(rb"\s*[,;]\s*|\s+")
+_MANY = 99
 _NUMBER = re.compile(rb"[+-]?\d{1,12}(\.\d{1,9})?")
-_MISSING = frozenset((b"-", b"nan", b"NaN"))
+_MISSING = frozenset((b"", b"-", b"nan", b"NaN", b"NAN"))
 
 
 def parse_counts(line: bytes, names: Sequence[str]) -> Packet | None:
@@ -28,20 +31,38 @@ def parse_counts(line: bytes, names: Sequence[str]) -> Packet | None:
         names: The sensors that the numbers belong to, in order.
 
     Raises:
-        MalformedPacket: for another number of numbers, or something that is none.
+        MalformedPacket: for another number of values, a time that is none, or not one value that is a count. A value
+            that is no count costs that sensor alone: it is in the packet's `refused`.
     """
     text = line.strip()
     if not text or text.startswith(b"#"):
         return None
-    fields = _PARTS.split(text)
+    fields = _fields(text)
+    if not fields[-1] and len(fields) > len(names) + 1:
+        del fields[-1]
+    if not fields[-1]:
+        raise MalformedPacket("a separator at the end of a line that has no time before the values")
     if len(fields) not in (len(names), len(names) + 1):
-        raise MalformedPacket(f"{len(fields)} numbers for {len(names)} sensors")
+        raise MalformedPacket(f"{min(len(fields), _MANY)} values for {len(names)} sensors")
     time = None
     if len(fields) > len(names):
         time = checked_time(_number(fields[0]) / 1e3)
-    counts = [math.nan if field in _MISSING else checked_count(_number(field)) for field in fields[-len(names) :]]
-    readings = {name: Reading(count=count) for name, count in zip(names, counts, strict=True) if not math.isnan(count)}
-    return Packet(readings, time, whole=True)
+    readings: dict[str, Reading] = {}
+    refused: list[Refusal] = []
+    for name, value in zip(names, fields[-len(names) :], strict=True):
+        try:
+            if value not in _MISSING:
+                readings[name] = Reading(count=checked_count(_number(value)))
+        except MalformedPacket as error:
+            refused.append(Refusal(str(error), name))
+    if refused and not readings:
+        raise MalformedPacket(refused[0].reason)
+    return Packet(readings, time, whole=True, refused=tuple(refused))
+
+
+def _fields(text: bytes) -> list[bytes]:
+    """The values of a line; between commas or semicolons an empty one is missing."""
+    return _SEPARATED.split(text) if _LISTED.search(text) else text.split()
 
 
 def encode_counts(counts: Sequence[float], milliseconds: int | None = None) -> bytes:

@@ -27,6 +27,11 @@ class Notices:
             self._newest.append(notice)
 
     @property
+    def count(self) -> int:
+        """How many have been added."""
+        return self._count
+
+    @property
     def shown(self) -> tuple[Notice, ...]:
         """The last few, for an update."""
         with self._lock:

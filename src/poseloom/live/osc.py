@@ -36,14 +36,19 @@ def encode_bundle(messages: Iterable[bytes]) -> bytes:
     return _BUNDLE + struct.pack(">Q", _IMMEDIATELY) + b"".join(struct.pack(">i", len(m)) + m for m in messages)
 
 
-def decode_packet(data: bytes) -> tuple[OscMessage, ...]:
+def decode_packet(data: bytes, refused: list[str] | None = None) -> tuple[OscMessage, ...]:
     """All messages of a packet, those within bundles too, in order.
+
+    Args:
+        data: The packet's bytes.
+        refused: Collects the reason for each message that cannot be decoded, while the others are returned. Without
+            it the first such message raises.
 
     Raises:
         MalformedPacket: for bytes that are no OSC, bundles within bundles within bundles, or very many messages.
     """
     messages: list[OscMessage] = []
-    _decode(data, messages, 0)
+    _decode(data, messages, 0, refused)
     return tuple(messages)
 
 
@@ -65,7 +70,16 @@ def _padded(text: bytes) -> bytes:
     return text + bytes(4 - len(text) % 4)
 
 
-def _decode(data: bytes, messages: list[OscMessage], depth: int) -> None:
+def _decode(data: bytes, messages: list[OscMessage], depth: int, refused: list[str] | None) -> None:
+    try:
+        _decode_strictly(data, messages, depth, refused)
+    except MalformedPacket as error:
+        if refused is None:
+            raise
+        refused.append(str(error))
+
+
+def _decode_strictly(data: bytes, messages: list[OscMessage], depth: int, refused: list[str] | None) -> None:
     if data[:8] != _BUNDLE:
         if len(messages) >= _MOST_MESSAGES:
             raise MalformedPacket("too many messages in one packet")
@@ -81,7 +95,7 @@ def _decode(data: bytes, messages: list[OscMessage], depth: int) -> None:
         at += 4
         if size < 4 or size % 4 or at + size > len(data):
             raise MalformedPacket("a bundle's element of an impossible size")
-        _decode(data[at : at + size], messages, depth + 1)
+        _decode(data[at : at + size], messages, depth + 1, refused)
         at += size
 
 

@@ -61,6 +61,21 @@ class Reading:
 
 
 @dataclass(frozen=True)
+class Refusal:
+    """One part of a packet that is not used; the rest of the packet is.
+
+    Attributes:
+        reason: Why, in a few words that are the same for all refusals of one kind.
+        who: The sensor or device, as far as it is known.
+        missing: Whether the part is well-formed and reports that it has no measurement yet.
+    """
+
+    reason: str
+    who: str = ""
+    missing: bool = False
+
+
+@dataclass(frozen=True)
 class Packet:
     """Readings that came together.
 
@@ -68,11 +83,19 @@ class Packet:
         readings: By sensor name.
         time: The device's time in seconds; None where it has no clock, and the arrival is the time.
         whole: Whether the device has said all that it will say of this moment, so that nothing is waited for.
+        refused: Parts that came with these readings and are not used.
+        messages: How many messages of each kind the packet carried, in words ("bones"), where a protocol has kinds.
     """
 
     readings: Mapping[str, Reading] = field(default_factory=dict[str, Reading])
     time: float | None = None
     whole: bool = False
+    refused: tuple[Refusal, ...] = ()
+    messages: Mapping[str, int] = field(default_factory=dict[str, int])
+
+
+NO_FIX = "no position yet: the quaternion is all zeros"
+AT_ORIGIN = "no position yet: exactly at the origin and exactly unrotated"
 
 
 def checked_vector(values: Iterable[float], size: int, limit: float) -> Vector:
@@ -88,8 +111,23 @@ def checked_quat(quat_wxyz: Iterable[float]) -> Vector:
     quat = checked_vector(quat_wxyz, 4, 2.0)
     length = math.sqrt(sum(value * value for value in quat))
     if not 0.9 <= length <= 1.1:
-        raise MalformedPacket(f"a quaternion of length {length:g}")
+        raise MalformedPacket("a quaternion whose length is far from 1")
     return tuple(value / length for value in quat)
+
+
+def without_fix(position: Iterable[float] | None, quat_wxyz: Iterable[float]) -> str:
+    """Why a device has no measurement yet, by what trackers send before their first fix; empty where it has one.
+
+    Args:
+        position: Metres; None where the device sends none.
+        quat_wxyz: As received, before it is made unit.
+    """
+    w, *vector = quat_wxyz
+    if w == 0.0 and not any(vector):
+        return NO_FIX
+    if position is not None and not any(position) and w == 1.0 and not any(vector):
+        return AT_ORIGIN
+    return ""
 
 
 def checked_time(value: float) -> float:

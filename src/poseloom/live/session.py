@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from poseloom.errors import PoseloomError
+from poseloom.live.arrival_status import ArrivalMonitor
 from poseloom.live.calibration_desk import CalibrationDesk
 from poseloom.live.contract import (
     Calibrate,
@@ -38,6 +39,8 @@ from poseloom.sensors import Sample
 _TICK = 0.01
 """Seconds between looks at silence and at samples that wait for a late sensor."""
 _FAILURES_TOLD_EVERY = 2.0
+_QUIET = 0.5
+"""Seconds without a sample from which notices take another way to the sinks than the updates."""
 
 
 class Session:
@@ -55,6 +58,8 @@ class Session:
         self._watch = Watch(plan.layout)
         self._watching = self._watch.start()
         self._hearing = Hearing(plan.layout, self._admit, self.tell, len(plan.sources) == 1, plan.thin)
+        self._arrivals = ArrivalMonitor(plan.sources, self._hearing)
+        self._announced = 0
         self._outlets = [Outlet(sink, self.post, self.tell) for sink in plan.sinks]
         self._records = RecordingDesk(plan.folder, plan.settings, self.tell)
         self._helm = Helm(plan, self._records, self._outlets, self._reached, self.tell)
@@ -147,11 +152,20 @@ class Session:
             self._loop = None
             await asyncio.to_thread(self._finish, opened)
         return SessionSummary(
-            self.counters, self.delays.overall(), time.monotonic() - began, self.notices, tuple(self._records.paths)
+            self.counters,
+            self.delays.overall(),
+            time.monotonic() - began,
+            self.notices,
+            tuple(self._records.paths),
+            self._arrivals.overall().text,
+            self._arrivals.refused,
         )
 
     async def _listen(self) -> None:
-        running = [asyncio.create_task(source.run(self._hearing)) for source in self.plan.sources]
+        running = [
+            asyncio.create_task(source.run(listener))
+            for source, listener in zip(self.plan.sources, self._arrivals.listeners, strict=True)
+        ]
         ticking = asyncio.create_task(self._tick())
         ending = asyncio.create_task(self._end.wait())
         try:
@@ -182,11 +196,22 @@ class Session:
             await asyncio.sleep(0)
             now = time.monotonic()
             self._hearing.poll(now)
+            self._announce(now)
             if self._newest is not None:
                 # Session time goes on from the newest sample, whether anything comes or not.
                 self._judge(self._newest.time + now - self._newest.arrival)
             if self.plan.seconds is not None and now - self._began >= self.plan.seconds:
                 self._end.set()
+
+    def _announce(self, now: float) -> None:
+        """Tells what arrives whenever it has changed; notices, too, while no update carries them."""
+        status = self._arrivals.poll(now)
+        if status is not None:
+            self.tell(status.level, status.text)
+        quiet = self._newest is None or now - self._newest.arrival > _QUIET
+        if status is not None or (quiet and self._notices.count > self._announced):
+            self._announced = self._notices.count
+            self._helm.announce(status or self._helm.facts.arrivals, self._notices.shown)
 
     def _finish(self, opened: list[Outlet]) -> None:
         self._worker.stop()

@@ -65,6 +65,8 @@ class SessionSummary:
         seconds: How long it lasted.
         notices: The last thousand notices.
         recordings: Files that were recorded.
+        arrivals: What arrived in the whole session, in words.
+        refused: How many parts of packets were refused, by reason, the commonest first.
     """
 
     counters: Counters
@@ -72,3 +74,5 @@ class SessionSummary:
     seconds: float
     notices: tuple[Notice, ...]
     recordings: tuple[Path, ...]
+    arrivals: str = ""
+    refused: Mapping[str, int] = field(default_factory=dict[str, int])

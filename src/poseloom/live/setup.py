@@ -49,7 +49,9 @@ class LiveSettings:
         record: File to record to.
         send: Where poses are sent, such as "vmc:127.0.0.1:39539".
         export: File for the motion when the session ends.
-        bind: Address on which network sources and the viewer listen.
+        bind: Address on which the viewer listens; a source's address stands in the source (`vmc:0.0.0.0:39539`).
+        token: Secret that a visitor of the viewer must know, on this machine too; "new" draws one; empty: drawn where
+            other machines can reach the viewer, and none needed on this one.
         folder: Where recordings and calibrations go that are asked for in the viewer.
         seconds: How long to run; 0: until it is ended.
     """
@@ -66,6 +68,7 @@ class LiveSettings:
     send: tuple[str, ...] = ()
     export: str = ""
     bind: str = LOOPBACK
+    token: str = ""
     folder: str = "."
     seconds: float = 0.0
 
@@ -132,7 +135,7 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
             "no source was given",
             remedy="Give --source, such as vmc, udp:9870, serial:/dev/ttyACM0 or simulate:sample:walk",
         )
-    sources = tuple(make_source(text, settings.bind) for text in settings.source)
+    sources = tuple(make_source(text) for text in settings.source)
     heard = joint_layout(sources, settings.layout)
     library = open_library(Path(settings.library)) if settings.library else None
     make = maker(heard, library, settings.model or None)

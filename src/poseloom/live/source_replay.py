@@ -4,7 +4,7 @@ import asyncio
 import time
 
 from poseloom.live.readings import Packet, readings_of_sample
-from poseloom.live.source import Listener
+from poseloom.live.source import Listener, Needs
 from poseloom.sensors import Recording
 
 
@@ -23,6 +23,15 @@ class ReplaySource:
         self.layout = recording.layout
         self.speed, self.loop = speed, loop
         self.name = title or f"replay of {recording.name}"
+
+    @property
+    def needs(self) -> Needs:
+        """What must arrive, and what to do where it does not."""
+        return Needs(
+            begin="the recording has come to a pause, or its samples are empty",
+            remedy="`poseloom info` shows what the recording holds",
+            absent="the recording has no readings of them here",
+        )
 
     async def run(self, listener: Listener) -> None:
         """See `Source`. Ends with the recording, unless it is looped."""

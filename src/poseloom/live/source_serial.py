@@ -11,7 +11,7 @@ import serial  # pyright: ignore[reportMissingTypeStubs]
 from poseloom.errors import SensorError
 from poseloom.live.lines import LineBuffer, parse_counts
 from poseloom.live.readings import MalformedPacket, Packet
-from poseloom.live.source import Listener
+from poseloom.live.source import Listener, Needs
 from poseloom.sensors import SensorKind, SensorLayout, make_layout
 
 _WAIT = 0.05
@@ -54,6 +54,16 @@ class SerialSource:
     def name(self) -> str:
         """See `Source`."""
         return f"serial line {self.device} at {self.baud} baud"
+
+    @property
+    def needs(self) -> Needs:
+        """What must arrive, and what to do where it does not."""
+        return Needs(
+            messages=f"lines of {len(self.layout)} counts ({', '.join(self.layout.names)})",
+            begin=f"check that the device prints, and that it does so at {self.baud} baud (baud=NUMBER sets another)",
+            remedy=f"check the baud rate ({self.baud}) and what the device prints (docs/live-serial.md)",
+            absent="check their wires: the device prints no count for them",
+        )
 
     async def run(self, listener: Listener) -> None:
         """See `Source`."""
@@ -126,15 +136,28 @@ class LineFileSource:
         """See `Source`."""
         return f"lines of {self.path}"
 
+    @property
+    def needs(self) -> Needs:
+        """What must arrive, and what to do where it does not."""
+        return Needs(
+            messages=f"lines of {len(self.layout)} counts ({', '.join(self.layout.names)})",
+            begin="check that the file has lines",
+            remedy="check the file against docs/live-serial.md",
+            absent="the file has no count for them",
+        )
+
     async def run(self, listener: Listener) -> None:
         """See `Source`. Ends with the file."""
-        packets = [packet for line in self._lines() if (packet := _parsed(line, self.layout, listener)) is not None]
+        stream = str(self.path)
+        packets = [
+            packet for line in self._lines() if (packet := _parsed(line, self.layout, stream, listener)) is not None
+        ]
         begin = time.monotonic()
         for number, packet in enumerate(packets):
             first = packets[0].time
             at = number / self.layout.rate if packet.time is None or first is None else packet.time - first
             await asyncio.sleep(max(0.0, begin + at / self.speed - time.monotonic()))
-            listener.packet(packet, time.monotonic(), str(self.path))
+            listener.packet(packet, time.monotonic(), stream)
 
     def _lines(self) -> list[bytes]:
         try:
@@ -151,16 +174,16 @@ def hear_lines(
     """Takes in bytes of a line."""
     before = buffer.overlong
     for line in buffer.feed(data):
-        packet = _parsed(line, layout, listener)
+        packet = _parsed(line, layout, stream, listener)
         if packet is not None:
             listener.packet(packet, arrival, stream)
     for _ in range(buffer.overlong - before):
-        listener.malformed("a line without end")
+        listener.malformed("a line without end", stream)
 
 
-def _parsed(line: bytes, layout: SensorLayout, listener: Listener) -> Packet | None:
+def _parsed(line: bytes, layout: SensorLayout, stream: str, listener: Listener) -> Packet | None:
     try:
         return parse_counts(line, layout.names)
     except MalformedPacket as error:
-        listener.malformed(str(error))
+        listener.malformed(str(error), stream)
         return None

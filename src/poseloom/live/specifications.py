@@ -1,5 +1,6 @@
 """Sources and sinks as a person writes them: `vmc:39539`, `simulate:sample:walk,fault=silent:leftHand:2:3`."""
 
+import ipaddress
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from dataclasses import replace as replaced
@@ -70,18 +71,19 @@ def parse_specification(text: str) -> Specification:
     return Specification(kind.strip(), address.strip(), options, text)
 
 
-def make_source(text: str, bind: str = LOOPBACK) -> Source:
+def make_source(text: str) -> Source:
     """A source as a person writes it.
 
-    - `vmc[:PORT][,layout=six-trackers][,rate=60][,SENSOR=SERIAL]...`
-    - `udp[:PORT][,layout=NAME][,rate=HZ]`
+    - `vmc[:[HOST:]PORT][,layout=six-trackers][,rate=60][,from=ADDRESS]...[,SENSOR=SERIAL]...`
+    - `udp[:[HOST:]PORT][,layout=NAME][,rate=HZ][,from=ADDRESS]...`
     - `serial:DEVICE[,baud=115200][,layout=flex-four][,rate=50]`, `lines:FILE[,layout=flex-four][,speed=1]`
     - `replay:FILE.mcap[,speed=1][,loop]`
     - `simulate:CLIP[,layout=six-trackers][,rate=60][,fault=KIND:SENSOR:START:STOP]...[,seed=0][,once]`
 
+    A network source listens on the loopback unless HOST says otherwise.
+
     Args:
         text: The specification.
-        bind: Address on which network sources listen, unless the specification names one (`vmc:HOST:PORT`).
 
     Raises:
         PoseloomError: for anything that is not understood, or a file that cannot be read.
@@ -89,7 +91,7 @@ def make_source(text: str, bind: str = LOOPBACK) -> Source:
     written = parse_specification(text)
     if written.kind not in _MAKERS:
         raise unknown_name("kind of source", written.kind, _MAKERS, SensorError)
-    return _MAKERS[written.kind](written, bind)
+    return _MAKERS[written.kind](written)
 
 
 def make_sender(text: str) -> VmcSender:
@@ -105,38 +107,39 @@ def make_sender(text: str) -> VmcSender:
     return VmcSender(*_host_and_port(written, VMC_PORT, LOOPBACK))
 
 
-def _vmc(written: Specification, bind: str) -> Source:
+def _vmc(written: Specification) -> Source:
     worn = _layout(written, "six-trackers", 60.0)
-    _only(written, ("layout", "rate", *worn.names))
+    _only(written, ("layout", "rate", "from", *worn.names))
     roles = {written.one(name): name for name in worn.names if name in written.options}
-    return VmcSource(worn, *_host_and_port(written, VMC_PORT, bind), roles=roles)
+    return VmcSource(worn, *_host_and_port(written, VMC_PORT, LOOPBACK), roles=roles, senders=_senders(written))
 
 
-def _udp(written: Specification, bind: str) -> Source:
-    _only(written, ("layout", "rate"))
-    return DatagramSource(_layout(written, "six-trackers"), *_host_and_port(written, WIRE_PORT, bind))
+def _udp(written: Specification) -> Source:
+    _only(written, ("layout", "rate", "from"))
+    worn = _layout(written, "six-trackers")
+    return DatagramSource(worn, *_host_and_port(written, WIRE_PORT, LOOPBACK), senders=_senders(written))
 
 
-def _serial(written: Specification, bind: str) -> Source:
+def _serial(written: Specification) -> Source:
     _only(written, ("layout", "rate", "baud"))
     if not written.address:
         raise SensorError("no serial line is named", remedy="Write serial:DEVICE, such as serial:/dev/ttyACM0")
     return SerialSource(_layout(written, "flex-four"), written.address, int(written.number("baud", 115200.0)))
 
 
-def _lines(written: Specification, bind: str) -> Source:
+def _lines(written: Specification) -> Source:
     _only(written, ("layout", "rate", "speed"))
     return LineFileSource(_layout(written, "flex-four"), Path(written.address), written.number("speed", 1.0))
 
 
-def _replay(written: Specification, bind: str) -> Source:
+def _replay(written: Specification) -> Source:
     _only(written, ("speed", "loop"))
     recording = read_recording(Path(written.address))
     title = f"replay of {Path(written.address).name}"
     return ReplaySource(recording, title, written.number("speed", 1.0), "loop" in written.options)
 
 
-def _simulate(written: Specification, bind: str) -> Source:
+def _simulate(written: Specification) -> Source:
     _only(written, ("layout", "rate", "fault", "seed", "once", "speed"))
     clip = written.address or "sample:walk"
     faults = [parse_fault(text) for text in written.options.get("fault", ())]
@@ -146,7 +149,7 @@ def _simulate(written: Specification, bind: str) -> Source:
     return ReplaySource(recording, f"virtual sensors on {clip}", written.number("speed", 1.0), endless)
 
 
-_MAKERS: Mapping[str, Callable[[Specification, str], Source]] = {
+_MAKERS: Mapping[str, Callable[[Specification], Source]] = {
     "vmc": _vmc,
     "udp": _udp,
     "serial": _serial,
@@ -168,6 +171,19 @@ def _only(written: Specification, keys: tuple[str, ...]) -> None:
     for key in written.options:
         if key not in keys:
             raise unknown_name(f"option of {written.kind}", key, keys, SensorError)
+
+
+def _senders(written: Specification) -> tuple[str, ...]:
+    """The machines that may send."""
+    addresses = written.options.get("from", ())
+    for address in addresses:
+        try:
+            ipaddress.ip_address(address)
+        except ValueError:
+            raise SensorError(
+                f"{written.text!r} has no address: {address!r}", remedy="Write from=192.168.1.20, the sender's address"
+            ) from None
+    return addresses
 
 
 def _host_and_port(written: Specification, port: int, host: str) -> tuple[str, int]:

@@ -14,6 +14,7 @@ import json
 import math
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, cast
 
 from poseloom.live.readings import (
@@ -21,10 +22,12 @@ from poseloom.live.readings import (
     MalformedPacket,
     Packet,
     Reading,
+    Refusal,
     Vector,
     checked_quat,
     checked_time,
     checked_vector,
+    without_fix,
 )
 
 WIRE_PORT = 9870
@@ -33,6 +36,7 @@ WIRE_PORT = 9870
 LONGEST_DATAGRAM = 16384
 """Bytes. Three hundred sensors fit; anything longer is dropped unread."""
 
+_LONGEST_NAME = 64
 _MAGIC = b"PLOM"
 _VERSION = 1
 _HEAD = struct.Struct("<4sBBHd")
@@ -49,17 +53,35 @@ def parse_datagram(data: bytes, names: Sequence[str]) -> tuple[Packet, ...]:
         names: The layout's sensors in order, for the binary form. Sensors of other names in JSON are kept: who hears
             the packet leaves out what it does not know.
 
+    Each line, and each sensor of a line or of a binary datagram, stands alone: what is wrong is in the packet's
+    `refused`, and the rest is used. More parts of a sensor than are known are accepted, and named there.
+
     Raises:
-        MalformedPacket: if anything in it is wrong; then none of it is taken.
+        MalformedPacket: where something is wrong and no reading is left, or the datagram's structure is broken.
     """
     if len(data) > LONGEST_DATAGRAM:
-        raise MalformedPacket(f"a datagram of {len(data)} bytes")
+        raise MalformedPacket(f"a datagram of more than {LONGEST_DATAGRAM} bytes")
     if data[: len(_MAGIC)] == _MAGIC:
-        return (_parse_binary(data, names),)
-    packets = tuple(_parse_line(line) for line in data.split(b"\n") if line.strip())
+        return (_something(_parse_binary(data, names)),)
+    packets: list[Packet] = []
+    refused: list[Refusal] = []
+    for line in data.split(b"\n"):
+        if line.strip():
+            try:
+                packets.append(_something(_parse_line(line)))
+            except MalformedPacket as error:
+                refused.append(Refusal(str(error)))
     if not packets:
-        raise MalformedPacket("an empty datagram")
-    return packets
+        raise MalformedPacket(refused[0].reason if refused else "an empty datagram")
+    return (*packets[:-1], replace(packets[-1], refused=(*packets[-1].refused, *refused)))
+
+
+def _something(packet: Packet) -> Packet:
+    """The packet, unless all of it is malformed."""
+    wrong = next((refusal for refusal in packet.refused if not refusal.missing), None)
+    if wrong is not None and not packet.readings:
+        raise MalformedPacket(wrong.reason)
+    return packet
 
 
 def encode_json(packet: Packet) -> bytes:
@@ -104,13 +126,42 @@ def _parse_line(line: bytes) -> Packet:
 def _packet(content: Any) -> Packet:
     sensors = cast(dict[str, Any], content["sensors"])
     readings: dict[str, Reading] = {}
+    refused: list[Refusal] = []
     for name, parts in sensors.items():
-        unknown = set(parts) - set(_KEYS)
-        if unknown:
-            raise MalformedPacket("an unknown part of a sensor")
-        readings[name] = _reading([parts.get(key) for key in _KEYS])
+        who = str(name)[:_LONGEST_NAME]
+        try:
+            if not isinstance(parts, dict):
+                raise MalformedPacket("a sensor without parts")
+            known = cast(dict[str, Any], parts)
+            refused += [
+                Refusal(f"unknown part {key[:_LONGEST_NAME]!r} of a sensor (known: {', '.join(_KEYS)})", who)
+                for key in known
+                if key not in _KEYS
+            ]
+            _add(readings, refused, name, [known.get(key) for key in _KEYS])
+        except MalformedPacket as error:
+            refused.append(Refusal(str(error), who))
+        except (ValueError, TypeError, OverflowError):
+            refused.append(Refusal("a part of a sensor that is not numbers", who))
     time = content.get("time")
-    return Packet(readings, None if time is None else checked_time(_number(time)))
+    return Packet(
+        readings, None if time is None else checked_time(_number(time)), refused=tuple(refused), messages={"JSON": 1}
+    )
+
+
+def _add(readings: dict[str, Reading], refused: list[Refusal], name: str, parts: Sequence[Any]) -> None:
+    """Adds the reading of one sensor; one without a fix loses its pose, and keeps what its IMU measured."""
+    position, quat, *others = parts
+    if quat is not None:
+        missing = without_fix(
+            None if position is None else [_number(value) for value in position], [_number(value) for value in quat]
+        )
+        if missing:
+            refused.append(Refusal(missing, name[:_LONGEST_NAME], missing=True))
+            position = quat = None
+    reading = _reading([position, quat, *others])
+    if not reading.is_empty:
+        readings[name] = reading
 
 
 def _number(value: Any) -> float:
@@ -143,22 +194,34 @@ def _parse_binary(data: bytes, names: Sequence[str]) -> Packet:
         if version != _VERSION or flags:
             raise MalformedPacket("another version of the binary form")
         readings: dict[str, Reading] = {}
+        refused: list[Refusal] = []
+        seen: set[int] = set()
         at = _HEAD.size
         for _ in range(count):
             index, bits, zero = _SENSOR.unpack_from(data, at)
-            if index >= len(names) or bits >= 1 << len(_SIZES) or zero or names[index] in readings:
-                raise MalformedPacket("a sensor that is none of the layout's, or comes twice")
+            if bits >= 1 << len(_SIZES) or zero:
+                raise MalformedPacket("a sensor with unknown parts")
             at += _SENSOR.size
-            reading, at = _binary_reading(data, at, bits)
-            readings[str(names[index])] = reading
+            parts, at = _binary_parts(data, at, bits)
+            who = str(names[index]) if index < len(names) else f"sensor {index}"
+            if index >= len(names) or index in seen:
+                refused.append(Refusal("a sensor that is none of the layout's, or comes twice", who))
+                continue
+            seen.add(index)
+            try:
+                _add(readings, refused, who, parts)
+            except MalformedPacket as error:
+                refused.append(Refusal(str(error), who))
     except struct.error:
         raise MalformedPacket("it ends too early") from None
     if at != len(data):
         raise MalformedPacket("bytes after its end")
-    return Packet(readings, None if math.isnan(time) else checked_time(time))
+    return Packet(
+        readings, None if math.isnan(time) else checked_time(time), refused=tuple(refused), messages={"binary": 1}
+    )
 
 
-def _binary_reading(data: bytes, at: int, bits: int) -> tuple[Reading, int]:
+def _binary_parts(data: bytes, at: int, bits: int) -> tuple[list[Any], int]:
     parts: list[Any] = []
     for place, size in enumerate(_SIZES):
         part: Vector | None = None
@@ -167,4 +230,4 @@ def _binary_reading(data: bytes, at: int, bits: int) -> tuple[Reading, int]:
             at += 4 * size
         parts.append(part)
     parts[4] = None if parts[4] is None else parts[4][0]
-    return _reading(parts), at
+    return parts, at

@@ -1,13 +1,14 @@
 """Who may see a viewer: checked on every request before a byte of the page or of the websocket is served.
 
-On the loopback interface everybody at the machine may look, but no foreign web page that the same browser has open: the
-`Host` must be this machine's and a websocket's `Origin` this viewer's own page. Bound elsewhere, a token is needed: it
-stands in the address that the person opens, and from then on in a cookie.
+On the loopback interface every program at the machine may look, unless a token was asked for, but no foreign web page
+that the same browser has open: the `Host` must be this machine's and a websocket's `Origin` this viewer's own page.
+Bound elsewhere, a token is needed: it stands in the address that the person opens, and from then on in a cookie.
 """
 
 import hmac
 import http
 import ipaddress
+import re
 import secrets
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
@@ -16,11 +17,17 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from poseloom.errors import ViewerError
+
 _REFUSAL = {
     http.HTTPStatus.UNAUTHORIZED: "This viewer needs a token. Open the whole address that poseloom printed.\n",
     http.HTTPStatus.FORBIDDEN: "This viewer answers its own page only.\n",
 }
 _LOCAL_NAME = "localhost"
+NEW_TOKEN = "new"
+_TOKEN = re.compile(r"[A-Za-z0-9_.-]{0,128}")
+_SHORTEST = 16
+"""Characters of a token that other machines may guess at."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +67,27 @@ class Access:
         return hmac.compare_digest(said.encode(), self.token.encode())
 
 
-def access_for(bind: str) -> Access:
-    """The rules for a viewer that listens at an address: a new token for each, unless it is the loopback."""
+def access_for(bind: str, token: str = "") -> Access:
+    """The rules for a viewer that listens at an address.
+
+    Args:
+        bind: The address.
+        token: The secret that every visitor must know, on the loopback too; "new" draws one. Empty: one is drawn
+            unless the address is the loopback, where none is needed.
+
+    Raises:
+        ViewerError: for a token that cannot stand in an address, or that is too short for other machines.
+    """
     local = _is_local(bind)
-    return Access("" if local else secrets.token_urlsafe(16), local)
+    if token == NEW_TOKEN or not (token or local):
+        token = secrets.token_urlsafe(16)
+    if _TOKEN.fullmatch(token) is None or (not local and len(token) < _SHORTEST):
+        raise ViewerError(
+            "the token cannot be used",
+            cause=f"it must be letters, digits, '-', '_' and '.'; {_SHORTEST} or more where other machines can look",
+            remedy=f"Choose another --token, or --token {NEW_TOKEN}, which draws one",
+        )
+    return Access(token, local)
 
 
 def cookie_name(host: str) -> str:

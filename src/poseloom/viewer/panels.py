@@ -1,5 +1,8 @@
 """A live session's panels: how it goes, what can be asked of it, and plots."""
 
+import time
+from collections.abc import Sequence
+
 import numpy as np
 import viser
 
@@ -10,6 +13,7 @@ from poseloom.live.contract import (
     ChooseMethod,
     Counters,
     Latency,
+    Notice,
     Post,
     ResetHeading,
     SessionFacts,
@@ -21,7 +25,15 @@ from poseloom.live.contract import (
 from poseloom.methods.contract import Health, HealthState
 from poseloom.viewer.colours import LOST, METHODS
 from poseloom.viewer.plots import PlotLook, Rolling, add_plot, signals_of
-from poseloom.viewer.words import counters_text, findings_text, guide_text, notice_text, sensor_table, status_text
+from poseloom.viewer.words import (
+    arrivals_text,
+    counters_text,
+    findings_text,
+    guide_text,
+    notice_text,
+    sensor_table,
+    status_text,
+)
 
 _TEXT_PERIOD = 0.25
 _PLOT_PERIOD = 0.3
@@ -55,6 +67,7 @@ class LivePanel:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         self._status = gui.add_html(status_text(facts, None, _NO_LATENCY, Counters()))
+        self._arrivals = gui.add_html("", visible=False)
         self._findings = gui.add_html("", visible=False)
         self._said = gui.add_html("", visible=False)
         self._guide = gui.add_html("", visible=False)
@@ -85,6 +98,9 @@ class LivePanel:
         if tuple(self._method.options) != facts.methods:
             self._method.options = facts.methods
         self._method.value = facts.method
+        self._arrivals.content = arrivals_text(facts.arrivals)
+        self._arrivals.visible = facts.arrivals is not None
+        self._say(facts.notices, time.monotonic())
 
     def draw(self, update: Update, now: float) -> None:
         """Writes the status anew, a few times a second."""
@@ -97,11 +113,17 @@ class LivePanel:
         self._status.content = status_text(self._facts, health, update.latency, update.counters)
         self._findings.content = findings_text(update.findings)
         self._findings.visible = bool(update.findings)
-        said = [notice for notice in update.notices[-1:] if now - notice.time < _SAID_SECONDS]
-        self._said.content = "".join(notice_text(notice) for notice in said)
-        self._said.visible = bool(said)
+        self._say(update.notices, now)
         self._sensors.content = sensor_table(self._facts, update.sample.status.tolist(), update.findings)
         self._counters.content = counters_text(update.counters, self._facts)
+
+    def _say(self, notices: Sequence[Notice], now: float) -> None:
+        """Shows the last notice for a while; what arrives stands above for as long as it is so."""
+        arrivals = self._facts.arrivals
+        others = [notice for notice in notices if arrivals is None or notice.text != arrivals.text]
+        said = [notice for notice in others[-1:] if now - notice.time < _SAID_SECONDS]
+        self._said.content = "".join(notice_text(notice) for notice in said)
+        self._said.visible = bool(said)
 
     def _add_setup(self, gui: viser.GuiApi) -> None:
         with self.tabs.add_tab("Sensors"):

@@ -20,13 +20,14 @@ class Player:
         take: What to play.
         bind: The address to listen at; other than the loopback, only who brings the token is served.
         port: Where; the first free one from 8080 on unless given.
+        token: Secret that a visitor must know, on this machine too; see `access_for`.
 
     Raises:
         ViewerError: if it cannot listen there.
     """
 
-    def __init__(self, take: Take, bind: str = "127.0.0.1", port: int | None = None) -> None:
-        self._server: OpenServer = open_server(bind, port)
+    def __init__(self, take: Take, bind: str = "127.0.0.1", port: int | None = None, token: str = "") -> None:
+        self._server: OpenServer = open_server(bind, port, token)
         viewer = self._server.viser
         self._take = take
         self._stage = Stage(viewer)
@@ -41,6 +42,11 @@ class Player:
             self._draw(self._clock.now())
         self._thread = threading.Thread(target=self._run, name="poseloom-player", daemon=True)
         self._thread.start()
+
+    @property
+    def exposure(self) -> str:
+        """Who else can look; empty where only this machine can."""
+        return self._server.exposure
 
     @property
     def url(self) -> str:

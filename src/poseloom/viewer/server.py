@@ -40,11 +40,23 @@ class OpenServer:
         viser: Scene and panels.
         url: The address to open in a browser, with the token where one is needed.
         access: Who may see it.
+        bind: The address that it listens at.
     """
 
     viser: viser.ViserServer
     url: str
     access: Access
+    bind: str = "127.0.0.1"
+
+    @property
+    def exposure(self) -> str:
+        """Who else can look and press buttons; empty where only this machine can."""
+        if self.access.local:
+            return ""
+        return (
+            f"the viewer listens on {self.bind}: other machines that have the whole address, with its token, can look "
+            "and press every button, and the connection is not encrypted; --bind 127.0.0.1 confines it to this machine"
+        )
 
     def close(self) -> None:
         """Stops listening and sends every visitor away."""
@@ -52,18 +64,19 @@ class OpenServer:
             self.viser.stop()
 
 
-def open_server(bind: str = "127.0.0.1", port: int | None = None) -> OpenServer:
+def open_server(bind: str = "127.0.0.1", port: int | None = None, token: str = "") -> OpenServer:
     """Starts a viewer's server in a thread of its own.
 
     Args:
         bind: The address to listen at. Other than the loopback, only who brings the token in the address is served.
         port: Where exactly; the first free one from 8080 on unless given. 0 leaves the choice to the system.
+        token: Secret that a visitor must know, on the loopback too; see `access_for`.
 
     Raises:
-        ViewerError: if it cannot listen there.
+        ViewerError: if it cannot listen there, or the token cannot be one.
     """
+    access = access_for(bind, token)
     chosen = _port(bind, port)
-    access = access_for(bind)
     with _starting, _guarding(access) as guarded, contextlib.redirect_stdout(io.StringIO()):
         server = _Server(host=bind, port=chosen, label="poseloom", verbose=False)
     if not guarded:
@@ -74,8 +87,8 @@ def open_server(bind: str = "127.0.0.1", port: int | None = None) -> OpenServer:
             cause="this version of viser listens in another way than the ones that are known",
             remedy="Install viser 1.1",
         )
-    token = f"?token={access.token}" if access.token else ""
-    return OpenServer(server, f"http://{_shown_host(bind)}:{server.get_port()}/{token}", access)
+    query = f"?token={access.token}" if access.token else ""
+    return OpenServer(server, f"http://{_shown_host(bind)}:{server.get_port()}/{query}", access, bind)
 
 
 @contextlib.contextmanager

@@ -42,6 +42,7 @@ class SessionViewer:
         bind: The address to listen at; other than the loopback, only who brings the token is served.
         port: Where; the first free one from 8080 on unless given.
         frame_rate: Poses a second that are sent to browsers at most.
+        token: Secret that a visitor must know, on this machine too; see `access_for`.
 
     Raises:
         ViewerError: if it cannot listen there.
@@ -50,8 +51,10 @@ class SessionViewer:
     name = "viewer"
     capacity = 1
 
-    def __init__(self, bind: str = "127.0.0.1", port: int | None = None, frame_rate: float = FRAME_RATE) -> None:
-        self._server = open_server(bind, port)
+    def __init__(
+        self, bind: str = "127.0.0.1", port: int | None = None, frame_rate: float = FRAME_RATE, token: str = ""
+    ) -> None:
+        self._server = open_server(bind, port, token)
         self._period = 1.0 / frame_rate
         self._stage = Stage(self._server.viser)
         self._scene: _LiveScene | None = None
@@ -67,6 +70,11 @@ class SessionViewer:
     def url(self) -> str:
         """The address to open in a browser."""
         return self._server.url
+
+    @property
+    def exposure(self) -> str:
+        """Who else can look and press buttons; empty where only this machine can."""
+        return self._server.exposure
 
     def open(self, facts: SessionFacts, post: Post) -> None:
         """Builds scene and panels; see `poseloom.live.contract.Sink`."""
@@ -99,6 +107,7 @@ class SessionViewer:
                 self._scene.remove()
                 self._scene = _LiveScene(server, self._stage, facts)
             self._scene.facts = facts
+        self._notify(facts.notices)
 
     def show(self, update: Update) -> None:
         """Draws one step, unless the last was drawn a moment ago or nobody looks."""
@@ -115,8 +124,12 @@ class SessionViewer:
             self._scene.draw(update, self._options.shown)
             self._panel.draw(update, now)
             self._plots.draw(now)
-        for notice in update.notices:
-            if notice.number > self._told:
+        self._notify(update.notices)
+
+    def _notify(self, notices: Iterable[Notice]) -> None:
+        clients = self._server.viser.get_clients()
+        for notice in notices:
+            if notice.number > self._told and clients:
                 self._told = notice.number
                 # The others stand in the panel: what lies over the figure had better be rare.
                 if notice.level is Level.ERROR:

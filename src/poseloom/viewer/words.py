@@ -3,7 +3,16 @@
 import html
 from collections.abc import Iterable, Mapping, Sequence
 
-from poseloom.live.contract import CalibrationProgress, Counters, Finding, Latency, Level, Notice, SessionFacts
+from poseloom.live.contract import (
+    ArrivalStatus,
+    CalibrationProgress,
+    Counters,
+    Finding,
+    Latency,
+    Level,
+    Notice,
+    SessionFacts,
+)
 from poseloom.methods.contract import Health, HealthState
 from poseloom.viewer.colours import LOST, SILENT, STANDING, UNSURE, Colour, hexadecimal
 
@@ -65,6 +74,17 @@ def findings_text(findings: Sequence[Finding]) -> str:
         return ""
     lines = "<br>".join(f"{dot(LOST)}{html.escape(finding.text)}" for finding in findings)
     return box(lines)
+
+
+def arrivals_text(arrivals: ArrivalStatus | None) -> str:
+    """What arrives from where, what is missing and what to do."""
+    if arrivals is None:
+        return ""
+    return box(f"{dot(NOTICE_COLOURS[arrivals.level])}{html.escape(_sentences(arrivals.text))}")
+
+
+def _sentences(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def notice_text(notice: Notice) -> str:
