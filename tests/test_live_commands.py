@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseloom.benchmark.live import hostile_inputs
 from poseloom.benchmark.live.fuzzing import measure_parsers
 from poseloom.benchmark.live.notebook import Notebook
 from poseloom.benchmark.live.page import live_figures
@@ -67,14 +68,22 @@ def test_a_pose_table_holds_places_and_rotations(tmp_path: Path):
     assert np.allclose(cells[..., 3:], motion.rotvecs, atol=1e-6)
 
 
-def test_parsers_survive_the_benchmarks_packets():
+def test_nothing_escapes_the_benchmarks_hostile_inputs():
+    rows = measure_parsers(800, 1, lambda what, done, total: None)
+    tried = {(row.method, row.setting): row.value for row in rows if row.metric == "tried"}
+    assert {method for method, _ in tried} == {"vmc", "udp, JSON", "udp, binary", "serial"}
+    assert min(tried.values()) >= 5
+    assert [row for row in rows if row.metric == "escapes" and row.value] == []
+    beside = [row for row in rows if row.setting.endswith("beside sound ones") and row.metric == "understood"]
+    assert len(beside) > 15
+    assert all(row.value == tried[row.method, row.setting] for row in beside)
+    assert "Escapes: 0 (met)" in live_figures(Results("live", "d", tuple(rows)), "abc")
+
+
+def test_a_lost_sound_device_is_an_escape(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(hostile_inputs, "parse_devices", lambda data: ())
     rows = measure_parsers(400, 1, lambda what, done, total: None)
-    crashes = [row.value for row in rows if row.metric == "crashes"]
-    refused = [row.value for row in rows if row.metric == "refused"]
-    assert crashes == [0.0] * 4
-    assert refused == [5.0] * 4
-    understood = {row.method: row.value for row in rows if row.metric == "understood"}
-    assert all(0 < value < 100 for value in understood.values())
+    assert sum(row.value for row in rows if row.metric == "escapes" and row.method == "vmc") > 0
 
 
 def test_the_page_says_what_was_missed():

@@ -17,7 +17,7 @@ def live_figures(results: Results, commit: str) -> str:
         _wide(rows, "fast input", "240 Hz input"),
         _wide(rows, "two sessions", "Two sessions in one process"),
         _faults(rows),
-        _packets(rows),
+        _hostile(rows),
     ]
     return "\n\n".join(part for part in parts if part)
 
@@ -74,14 +74,28 @@ def _faults(rows: Sequence[Row]) -> str:
     return f"## Faults\n\n{markdown_table(('fault', 'what became of it'), lines)}" if lines else ""
 
 
-def _packets(rows: Sequence[Row]) -> str:
-    mine = [row for row in rows if row.table == "packets"]
-    lines: list[tuple[str, str, str]] = []
-    for method, setting in dict.fromkeys((row.method, row.setting) for row in mine):
-        own = [row for row in mine if (row.method, row.setting) == (method, setting)]
-        told = ", ".join(f"{row.metric.replace('_', ' ')} {_number(row.value)}" for row in own)
-        lines.append((method, setting, told))
-    return f"## Packets\n\n{markdown_table(('into', 'what', 'what became of them'), lines)}" if lines else ""
+def _hostile(rows: Sequence[Row]) -> str:
+    """Inputs tried by kind, and what escaped; then the floods."""
+    mine = [row for row in rows if row.table == "hostile"]
+    if not mine:
+        return ""
+    total = {metric: sum(row.value for row in mine if row.metric == metric) for metric in ("tried", "escapes")}
+    columns = ("tried", "understood", "refused", "escapes", "us_each")
+    lines: list[tuple[str, ...]] = []
+    floods: list[tuple[str, str]] = []
+    for method, kind in dict.fromkeys((row.method, row.setting) for row in mine):
+        own = {row.metric: row.value for row in mine if (row.method, row.setting) == (method, kind)}
+        if kind == "flood":
+            told = ", ".join(f"{metric.replace('_', ' ')} {_number(value)}" for metric, value in own.items())
+            floods.append((method, told))
+        else:
+            lines.append((method, kind, *(_number(own[column]) for column in columns)))
+    return (
+        f"## Hostile inputs\n\nInputs tried: {_number(total['tried'])}. Escapes: {_number(total['escapes'])} "
+        f"({_met(total['escapes'] == 0)}).\n\n"
+        f"{markdown_table(('into', 'kind', 'tried', 'understood', 'refused', 'escapes', 'us each'), lines)}\n\n"
+        f"{markdown_table(('into', 'what became of them'), floods)}"
+    )
 
 
 def _cells(rows: Iterable[Row], setting: str, metrics: Sequence[str]) -> list[str]:

@@ -10,7 +10,7 @@ from poseloom.benchmark.live.stage import stage
 from poseloom.evaluation.rows import Results, Row, motions_digest
 from poseloom.samples import sample_motion
 
-PARTS = ("endurance", "fast", "two", "faults", "packets")
+PARTS = ("endurance", "fast", "two", "faults", "hostile")
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,8 @@ class LivePlan:
     Attributes:
         endurance: Seconds of the long session.
         short: Seconds of the others.
-        packets: Hostile packets into the parsers.
-        flood: Hostile packets into a port.
+        packets: Hostile inputs into the parsers.
+        flood: Hostile packets into ports.
         seed: Of all that is drawn.
         parts: Which parts.
     """
@@ -41,7 +41,7 @@ def measure_live(plan: LivePlan, show: Callable[[str, int, int], None]) -> Resul
     """Measures; `show` is told how far it is."""
     rows: list[Row] = []
     with stage(plan.seed) as here:
-        if "packets" in plan.parts:
+        if "hostile" in plan.parts:
             rows += measure_parsers(plan.packets, plan.seed, show)
             rows += measure_flood(here, plan.flood, plan.seed, show)
         if "faults" in plan.parts:
