@@ -68,7 +68,7 @@ class SerialSource:
     async def run(self, listener: Listener) -> None:
         """See `Source`."""
         loop = asyncio.get_running_loop()
-        ended = Event()
+        ended, taken = Event(), Event()
         port = self._open()
         if port is None:
             raise SensorError(
@@ -77,7 +77,10 @@ class SerialSource:
             )
 
         def deliver(data: bytes, arrival: float, buffer: LineBuffer) -> None:
-            hear_lines(buffer, data, arrival, self.layout, self.device, listener)
+            try:
+                hear_lines(buffer, data, arrival, self.layout, self.device, listener)
+            finally:
+                taken.set()
 
         def read(port: Any) -> None:
             buffer = LineBuffer(midway=True)
@@ -94,7 +97,11 @@ class SerialSource:
                     loop.call_soon_threadsafe(listener.note, f"{self.name} is back")
                     continue
                 if data:
+                    # One at a time: a line that floods must not fill the loop's queue faster than it is emptied.
+                    taken.clear()
                     loop.call_soon_threadsafe(deliver, data, time.monotonic(), buffer)
+                    while not (taken.wait(_WAIT) or ended.is_set()):
+                        pass
             port.close()
 
         reading = asyncio.create_task(asyncio.to_thread(read, port))

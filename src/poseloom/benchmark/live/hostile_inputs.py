@@ -143,12 +143,13 @@ _VMC_PARTS: Mapping[str, Callable[[Generator], bytes]] = {
     "unknown": lambda rng: encode_message("/VMC/Ext/Whatever", [int(rng.integers(1000))]),
     "random bytes": lambda rng: rng.bytes(4 * int(rng.integers(1, 30))),
 }
+_OTHER_TYPES: tuple[object, ...] = ({"position": "abc"}, 7, None, [], {"count": True})
 _JSON_PARTS: Mapping[str, Callable[[Generator], object]] = {
     "no fix": lambda rng: {"position": [0, 1, 0], "quat": [0, 0, 0, 0]},
     "not finite": lambda rng: {"position": [math.nan, math.inf, 0]},
     "out of range": lambda rng: {"position": [1e30, 0, 0], "count": -1},
     "too few parts": lambda rng: {"position": [1.0] * int(rng.integers(0, 3))},
-    "other types": lambda rng: ({"position": "abc"}, 7, None, [], {"count": True})[int(rng.integers(5))],
+    "other types": lambda rng: _OTHER_TYPES[int(rng.integers(len(_OTHER_TYPES)))],
     "unknown": lambda rng: {"accel": [0, 0, 1]},
 }
 _BINARY_PARTS: Mapping[str, bytes] = {
