@@ -658,6 +658,11 @@ def test_what_arrives_stands_in_the_panel_without_a_single_pose(watched: Session
     assert "Only bones come from &lt;x&gt;" in watched._panel._arrivals.content
     assert watched._panel._arrivals.visible
     assert "a port is open" in watched._panel._said.content  # and not the same text twice
+    newer = ArrivalStatus(Level.NOTE, "all 6 sensors come", "")
+    again = (*notices, Notice(3, Level.NOTE, newer.text, time.monotonic()))
+    watched.changed(dataclasses.replace(facts, arrivals=newer, notices=again))
+    assert "All 6 sensors come" in watched._panel._arrivals.content
+    assert "a port is open" in watched._panel._said.content  # nor what arrived before
 
 
 def test_new_facts_change_body_and_buttons(watched: SessionViewer):

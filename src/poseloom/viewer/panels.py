@@ -1,6 +1,7 @@
 """A live session's panels: how it goes, what can be asked of it, and plots."""
 
 import time
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -63,6 +64,7 @@ class LivePanel:
 
     def __init__(self, server: viser.ViserServer, facts: SessionFacts, post: Post) -> None:
         self._facts, self._post = facts, post
+        self._arrived: deque[str] = deque(maxlen=20)
         self._server = server
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
@@ -100,6 +102,8 @@ class LivePanel:
         self._method.value = facts.method
         self._arrivals.content = arrivals_text(facts.arrivals)
         self._arrivals.visible = facts.arrivals is not None
+        if facts.arrivals is not None:
+            self._arrived.append(facts.arrivals.text)
         self._say(facts.notices, time.monotonic())
 
     def draw(self, update: Update, now: float) -> None:
@@ -119,8 +123,7 @@ class LivePanel:
 
     def _say(self, notices: Sequence[Notice], now: float) -> None:
         """Shows the last notice for a while; what arrives stands above for as long as it is so."""
-        arrivals = self._facts.arrivals
-        others = [notice for notice in notices if arrivals is None or notice.text != arrivals.text]
+        others = [notice for notice in notices if notice.text not in self._arrived]
         said = [notice for notice in others[-1:] if now - notice.time < _SAID_SECONDS]
         self._said.content = "".join(notice_text(notice) for notice in said)
         self._said.visible = bool(said)
