@@ -83,7 +83,8 @@ def find_rest(force: Floats[Array, "samples 3"], step: float) -> Rest | None:
     norms, spreads = _windows(whole, step, _WINDOW_SECONDS)
     calm = np.argsort(spreads, kind="stable")[: max(1, int(_CALMEST * len(spreads)))]
     lengths = np.linalg.norm(whole, axis=1)
-    directed = float(np.median(_windows(whole, step, 1.0)[0])) / max(float(np.mean(lengths)), 1e-300)
+    means, _ = _windows(whole, step, 1.0)
+    directed = float(np.median(means)) / max(float(lengths.mean()), 1e-300)
     rest = float(np.median(norms[calm]))
     typical = float(np.median(lengths))
     if directed < _DIRECTED or rest < _LEAST_REST * typical:
