@@ -4,9 +4,10 @@ Every message tells the fact, the cause and the remedy, and carries the file, li
 is one. The command line prints it without a traceback and exits with code 2.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TypeVar
 
 
 class PoseloomError(Exception):
@@ -76,6 +77,26 @@ class MethodError(PoseloomError):
 
 class ViewerError(PoseloomError):
     """The viewer cannot listen where it was told to, or has nothing to show."""
+
+
+Item = TypeVar("Item")
+
+
+class Named(dict[str, Item]):
+    """Things by name, as a dictionary whose error for an unknown name lists and suggests names.
+
+    Args:
+        what: What they are, for the error: "sample motion".
+        items: The things.
+        kind: Of the error.
+    """
+
+    def __init__(self, what: str, items: Mapping[str, Item], kind: type[PoseloomError] = PoseloomError) -> None:
+        super().__init__(items)
+        self._what, self._kind = what, kind
+
+    def __missing__(self, name: str) -> Item:
+        raise unknown_name(self._what, str(name), self, self._kind)
 
 
 def unknown_name(

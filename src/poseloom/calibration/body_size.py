@@ -5,11 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 
 from poseloom.arrays import Array, Floats, frozen_float
 from poseloom.errors import SkeletonError
+from poseloom.formats._files import read_bytes, reading
 from poseloom.skeleton.body import BODY_BONES, MIRROR, average_body, mirror_bones
 from poseloom.skeleton.skeleton import Skeleton
 
@@ -161,12 +163,23 @@ def body_size_from_json(text: str) -> BodySizeModel:
             frozen_float(np.array(components).reshape(-1, 2, len(BODY_BONES), 3)),
             str(content["source"]),
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise SkeletonError(
             "this is no body-size model",
             cause=f"{type(error).__name__}: {error}",
             remedy="Name a file that `poseloom fit body-size` has written",
         ) from None
+
+
+def read_body_size(path: Path) -> BodySizeModel:
+    """A model from a file that `poseloom fit body-size` has written.
+
+    Raises:
+        FormatError: where the file cannot be read.
+        SkeletonError: where it holds no body-size model.
+    """
+    with reading(path, "a body-size model"):
+        return body_size_from_json(read_bytes(path).decode("utf-8"))
 
 
 @cache

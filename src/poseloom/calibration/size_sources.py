@@ -1,6 +1,7 @@
 """People's bodies for the body-size model, from a table of CMU's skeletons and from ASF files."""
 
 import csv
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 from poseloom.arrays import Array, Floats
 from poseloom.calibration.body_size import size_vectors
 from poseloom.errors import FormatError
+from poseloom.formats._files import read_bytes, reading
 from poseloom.formats.asf_amc import read_asf
 from poseloom.skeleton.body import MIRROR, average_body
 from poseloom.skeleton.motion import make_motion
@@ -103,8 +105,9 @@ def training_bodies(table: Path, asf_files: Sequence[Path] = ()) -> list[Skeleto
 def _read_rows(path: Path) -> dict[str, dict[str, Floats[Array, "3"]]]:
     rows: dict[str, dict[str, Floats[Array, 3]]] = {}
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            for line, row in enumerate(csv.DictReader(file), start=2):
+        with reading(path, "a table of joints"):
+            text = io.StringIO(read_bytes(path).decode("utf-8"), newline="")
+            for line, row in enumerate(csv.DictReader(text), start=2):
                 try:
                     place = METRES_PER_UNIT * np.array([float(row[axis]) for axis in "xyz"])
                     rows.setdefault(row["subject"], {})[row["joint"]] = place

@@ -68,7 +68,7 @@ def _calibrate(
 ) -> None:
     from rich.console import Console
 
-    from poseloom.calibration.body_size import body_size_from_json
+    from poseloom.calibration.body_size import read_body_size
     from poseloom.calibration.calibration import write_calibration
     from poseloom.calibration.session import calibrate
     from poseloom.calibration.unknowns import CalibrationSettings
@@ -80,7 +80,7 @@ def _calibrate(
         if path is not None:
             check_folder(path)
     heard = read_recording(recording)
-    model = None if body_size is None else body_size_from_json(body_size.read_text(encoding="utf-8"))
+    model = None if body_size is None else read_body_size(body_size)
     settings = CalibrationSettings() if floor else CalibrationSettings(floor_m=float("inf"))
     with progress_bars() as show:
         found = calibrate(heard, settings, model, rounds, show)

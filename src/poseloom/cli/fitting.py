@@ -11,6 +11,9 @@ from poseloom.cli.comparing import add_comparators
 from poseloom.cli.flex import add_fit_commands
 from poseloom.cli.flex_sensor import fit_flex_sensor
 
+_NAMED = 5
+"""Clips of a kind that are named; the rest are counted."""
+
 _Library = Annotated[Path, typer.Option("--library", "-l", help="Folder of a motion library.")]
 _Layout = Annotated[
     str, typer.Option("--layout", help="One to three IMUs, such as right-foot-imu or left-shank+right-hand-imu.")
@@ -103,10 +106,12 @@ def _fit_hmm(
     sensors = layout(layout_name)
     opened = open_library(folder)
     found = {clip.name for clip in opened.find(find)} if find else None
+    left_out: dict[str, list[str]] = {}
     with progress_bars() as show:
         pairs = library_pairs(
             opened,
             sensors,
+            left_out=lambda clip, why: left_out.setdefault(why, []).append(clip.name),
             noise=WELL_MOUNTED,
             seed=seed,
             without_takes=without or (),
@@ -114,6 +119,9 @@ def _fit_hmm(
             choose=None if found is None else lambda clip: clip.name in found,
             progress=lambda done, total: show("simulating IMUs", done, total),
         )
+        for why, clips in sorted(left_out.items(), key=lambda item: -len(item[1])):
+            named = ", ".join(clips[:_NAMED]) + (", ..." if len(clips) > _NAMED else "")
+            typer.echo(f"left out {len(clips)} of {len(opened.clips)} clips: {why} ({named})", err=True)
         how = PAPER_SETTINGS if name == "phase-hmm-paper" else PhaseHmmSettings()
         method = fit_phase_hmm(pairs, sensors, how, seed, show)
     write_phase_hmm(method, output)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from poseloom.errors import FormatError
+from poseloom.formats._files import read_json
 from poseloom.formats.atomic import atomic_file
 from poseloom.skeleton.motion import Motion
 
@@ -109,7 +110,7 @@ def read_results(path: str | Path) -> Results:
     """
     source = Path(path)
     try:
-        content = json.loads(source.read_text(encoding="utf-8"))
+        content = read_json(source, "a file of benchmark rows")
         rows = tuple(_row(entry) for entry in content["rows"])
         return Results(str(content["benchmark"]), str(content["data_digest"]), rows, str(content["version"]))
     except (ValueError, TypeError, KeyError) as error:

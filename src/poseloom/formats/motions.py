@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from poseloom.errors import FormatError
-from poseloom.formats._files import read_bytes
+from poseloom.formats._files import beginning, read_bytes, reading
 from poseloom.skeleton.motion import Motion
 
 _HEAD = 4096
@@ -41,11 +41,7 @@ def is_motion_file(path: Path) -> bool:
     suffix = path.suffix.lower()
     if suffix in (".bvh", ".amc"):
         return path.is_file()
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
-    except OSError:
-        return False
+    head = beginning(path, _HEAD)
     if suffix == ".npz":
         return head[:2] == b"PK" and b'"kind": "motion"' in head
     if suffix in (".txt", ".json") and head.lstrip().startswith(b"{"):
@@ -85,7 +81,8 @@ def read_motions(
             remedy="Name the AMC file that moves it" if alone else f"Use one of: {', '.join(_READERS)}",
             file=path,
         )
-    return [reader(path, _Options(skeleton, metres_per_unit, rate))]
+    with reading(path):
+        return [reader(path, _Options(skeleton, metres_per_unit, rate))]
 
 
 def read_motion(

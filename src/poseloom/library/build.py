@@ -57,14 +57,14 @@ def build_library(
     exclude: Sequence[str] = (),
     skeletons: Mapping[str, str | Path] | None = None,
     licence: str = UNSTATED,
-    workers: int = 2,
+    workers: int = 1,
     replace_existing: bool = False,
     progress: Progress | None = None,
 ) -> BuildReport:
     """Builds a motion library: every motion on the average body, at one rate, catalogued and indexed.
 
     The library appears whole or not at all. The same sources give the same bytes, with any number of workers. With more
-    than one worker a script must guard its top level by `if __name__ == "__main__"`.
+    than one (`poseloom library build` takes two) a script must guard its top level by `if __name__ == "__main__"`.
 
     Args:
         sources: Files and folders, or `samples` for the built-in motions.
@@ -110,7 +110,7 @@ def add_to_library(
     exclude: Sequence[str] = (),
     skeletons: Mapping[str, str | Path] | None = None,
     licence: str = UNSTATED,
-    workers: int = 2,
+    workers: int = 1,
     progress: Progress | None = None,
 ) -> BuildReport:
     """Adds motions to a library, at its rate and with mirror images if it has them.

@@ -1,6 +1,7 @@
 """Which files a library is built from: folders searched, companions set aside, names and licences read."""
 
 import csv
+import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from poseloom.errors import FormatError, LibraryError
 from poseloom.formats import format_name, is_motion_file, motion_suffixes
+from poseloom.formats._files import beginning, decode, read_bytes, reading
 from poseloom.formats.asf_amc import find_asf
 from poseloom.library.catalogue import SkipKind, Skipped
 from poseloom.library.naming import describe
@@ -234,8 +236,8 @@ def _overrides(path: Path) -> dict[str, tuple[str, str]]:
     """Subject and tags by glob pattern, from a table beside the motions."""
     if not path.is_file():
         return {}
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        table = csv.DictReader(file)
+    with reading(path, "a table of subjects and tags", LibraryError):
+        table = csv.DictReader(io.StringIO(decode(read_bytes(path, LibraryError)), newline=""))
         columns = list(table.fieldnames or ())
         if "file" not in columns or not {"subject", "tags"} & set(columns):
             raise LibraryError(
@@ -248,17 +250,24 @@ def _overrides(path: Path) -> dict[str, tuple[str, str]]:
 
 
 def _licence(folder: Path, root: Path) -> str:
-    """The licence stated in a folder or the nearest one above it, up to the given one; empty if none is."""
+    """The licence stated in a folder or the nearest one above it, up to the given one; empty if none is.
+
+    A README one level above the given folder counts too: collections are described where they lie side by side.
+    """
     for place in (folder, *folder.parents):
-        for path in sorted(place.iterdir()):
+        above = place == root.parent and place != folder
+        for path in sorted(place.iterdir()) if os.access(place, os.R_OK) else ():
             stem, suffix = path.stem.lower(), path.suffix.lower()
-            if stem in ("license", "licence", "copying") and suffix in ("", ".txt", ".md") and path.is_file():
+            if not path.is_file() or suffix not in ("", ".txt", ".md", ".rst"):
+                continue
+            if stem in ("license", "licence", "copying") and not above and suffix != ".rst":
                 return _note(line for line in _beginning(path).splitlines())
-            if stem == "readme" and suffix in ("", ".txt", ".md", ".rst") and path.is_file():
-                stated = _stated_licence(_beginning(path).splitlines())
+            if stem == "readme":
+                lines = _beginning(path).splitlines()
+                stated = _stated_licence(lines) or _tabled_licence(lines, folder.relative_to(place).parts)
                 if stated:
                     return stated
-        if place == root:
+        if above:
             break
     return ""
 
@@ -271,14 +280,27 @@ def _stated_licence(lines: Iterable[str]) -> str:
     return ""
 
 
+def _tabled_licence(lines: Iterable[str], folders: Sequence[str]) -> str:
+    """The licence that a Markdown table states for one of these folders: a column of folders, and one of licences."""
+    column, stated = -1, ""
+    for line in lines:
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        if not line.lstrip().startswith("|"):
+            column, stated = -1, ""
+        elif column < 0:
+            column = next((at for at, cell in enumerate(cells) if cell.lower().startswith("licen")), -1)
+        elif column < len(cells):
+            stated = stated if cells[column].lower().startswith(("same", "as above")) else cells[column]
+            named = {word.strip("`*").partition("/")[0] for word in cells[0].split()}
+            if named & set(folders):
+                return _note([stated])
+    return ""
+
+
 def _note(lines: Iterable[str]) -> str:
     first = next((line.strip(" #=*\t") for line in lines if line.strip(" #=*\t")), "")
     return first if len(first) <= _LONGEST_NOTE else first[: _LONGEST_NOTE - 3] + "..."
 
 
 def _beginning(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return file.read(16384).decode("utf-8", errors="replace")
-    except OSError:
-        return ""
+    return beginning(path, 16384).decode("utf-8", errors="replace")

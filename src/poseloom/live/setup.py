@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from poseloom.calibration.calibration import read_calibration
 from poseloom.errors import FormatError, SensorError, unknown_name
+from poseloom.formats._files import read_bytes
 from poseloom.library import MotionLibrary, open_library
 from poseloom.live.contract import Sink
 from poseloom.live.reprocess import CONFIGURATION, LIBRARY_DIGEST, MODEL_DIGEST, file_sha256
@@ -84,9 +85,9 @@ def read_settings(path: Path, flags: Mapping[str, Any]) -> LiveSettings:
         FormatError: for a file that cannot be read, an unknown key, or a value of another type.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise FormatError("there is no such file", remedy="Check the path", file=path) from None
+        content = tomllib.loads(read_bytes(path).decode("utf-8"))
+    except RecursionError:
+        raise FormatError("this is nested without end", remedy="Mend the file", file=path) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise FormatError("this is no TOML", cause=str(error), remedy="Mend the file", file=path) from None
     return make_settings({**{key: _checked(key, value, path) for key, value in content.items()}, **_given(flags)})

@@ -4,6 +4,7 @@ from functools import cache
 from math import ceil
 from pathlib import Path
 
+from poseloom.errors import Named
 from poseloom.samples.encoding import decode_samples
 from poseloom.samples.looping import loop
 from poseloom.skeleton.body import average_body
@@ -23,9 +24,11 @@ def sample_motions() -> dict[str, Motion]:
 
     They are DeepMimic's, made from recordings of the CMU Graphics Lab: backflip, cartwheel, crawl, dance_a, dance_b,
     getup_facedown, getup_faceup, jump, kick, punch, roll, run, spin, spinkick, walk. Those that are cyclic go on for
-    six seconds or more, in whole cycles. See PROVENANCE.md beside this file.
+    six seconds or more, in whole cycles. See PROVENANCE.md beside this file. An unknown name raises a PoseloomError
+    that suggests one.
     """
-    return {name: _on_body(motion, cyclic) for name, (motion, cyclic) in decode_samples(_FILE).items()}
+    motions = decode_samples(_FILE).items()
+    return Named("sample motion", {name: _on_body(motion, cyclic) for name, (motion, cyclic) in motions})
 
 
 def sample_motion_names() -> tuple[str, ...]:

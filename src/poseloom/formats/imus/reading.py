@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from poseloom.errors import FormatError
+from poseloom.formats._files import open_regular, reading
 from poseloom.formats.imus.choices import ImuChoices
 from poseloom.formats.imus.csv_tables import is_imu_csv, read_imu_csv
 from poseloom.formats.imus.mat_struct import read_imu_mat
@@ -48,7 +49,7 @@ def read_imu_tracks(
     chosen = choices or ImuChoices()
     chosen = chosen if rate is None else replace(chosen, rate=rate)
     for path in [paths] if isinstance(paths, Path) else paths:
-        for track in _read(path, chosen):
+        for track in _guarded(path, chosen):
             _check_stated(track, chosen)
             if track.name in tracks:
                 raise FormatError(
@@ -59,6 +60,11 @@ def read_imu_tracks(
                 )
             tracks[track.name] = track
     return MappingProxyType(tracks)
+
+
+def _guarded(path: Path, choices: ImuChoices) -> tuple[ImuTrack, ...]:
+    with reading(path, "an inertial recording"):
+        return tuple(_read(path, choices))
 
 
 def _read(path: Path, choices: ImuChoices) -> Iterable[ImuTrack]:
@@ -130,9 +136,5 @@ def _read_folder(folder: Path, choices: ImuChoices) -> Iterable[ImuTrack]:
 
 
 def _head(path: Path) -> bytes:
-    try:
-        with path.open("rb") as stream:
-            return stream.read(_HEAD)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FormatError("the file cannot be read", cause=reason, remedy="Check the path", file=path) from None
+    with open_regular(path) as stream:
+        return stream.read(_HEAD)

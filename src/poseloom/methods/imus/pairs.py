@@ -112,6 +112,7 @@ def library_pairs(
     behaviours: Iterable[Behaviour] | None = None,
     choose: Callable[[Clip], bool] | None = None,
     progress: Callable[[int, int], object] | None = None,
+    left_out: Callable[[Clip, str], object] | None = None,
 ) -> tuple[SignalPair, ...]:
     """Pairs of a library's clips, the IMUs simulated at the layout's usual places.
 
@@ -128,6 +129,7 @@ def library_pairs(
         behaviours: Which to keep; all unless given.
         choose: Which clips to look at; all unless given.
         progress: Told how many of how many clips are done.
+        left_out: Told each clip that makes no pair, and why.
 
     Raises:
         MethodError: for a layout that is not of IMUs alone.
@@ -136,15 +138,31 @@ def library_pairs(
     check_imus(layout)
     allowed = library.rows_excluding(without_takes, without_subjects)
     wanted = None if behaviours is None else frozenset(behaviours)
-    clips = [clip for clip in library.clips if allowed[clip.start] and (choose is None or choose(clip))]
+    tell = left_out or _untold
+    clips: list[Clip] = []
+    for clip in library.clips:
+        if not allowed[clip.start]:
+            tell(clip, "of a take or subject that is left out")
+        elif choose is not None and not choose(clip):
+            tell(clip, "not among the clips that were asked for")
+        else:
+            clips.append(clip)
     pairs: list[SignalPair] = []
     for done, clip in enumerate(clips, 1):
         pair = _pair_of_clip(library, clip, layout, noise, seed)
-        if pair is not None and (wanted is None or pair.behaviour in wanted):
+        if pair is None:
+            tell(clip, f"shorter than {SHORTEST_FRAMES} frames at {layout.rate:g} Hz")
+        elif wanted is not None and pair.behaviour not in wanted:
+            tell(clip, f"{pair.behaviour.value} is not among the behaviours")
+        else:
             pairs.append(pair)
         if progress is not None:
             progress(done, len(clips))
     return tuple(pairs)
+
+
+def _untold(_clip: Clip, _reason: str) -> None:
+    """Tells nobody."""
 
 
 def pairs_digest(pairs: Sequence[SignalPair]) -> str:
