@@ -2,13 +2,19 @@
 
 import os
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from poseloom.errors import FormatError, LibraryError, PoseloomError
+from poseloom.formats import write_motion
 from poseloom.formats._files import beginning, open_regular, read_bytes, read_json, reading
 from poseloom.formats.atomic import atomic_file
+from poseloom.library import build_library
+from poseloom.library.sources import Selection, find_sources
+from poseloom.samples import sample_motions
 
 
 def test_only_regular_files_are_opened(tmp_path: Path) -> None:
@@ -85,3 +91,34 @@ def test_a_full_disk_names_the_target_and_leaves_nothing(tmp_path: Path) -> None
         fill()
     assert raised.value.filename == str(tmp_path / "out.bin")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_named_pipe_in_a_folder_is_listed_and_waits_for_nobody(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.bvh")
+    os.mkfifo(tmp_path / "pipe.csv")
+    write_motion(sample_motions()["walk"].cut(0, 60), tmp_path / "walk.bvh")
+    report = build_library([tmp_path], tmp_path.parent / f"{tmp_path.name}-library")
+    assert report.clips == 1
+    assert any("named pipe" in entry.reason for entry in report.skipped)
+
+
+def test_an_unknown_sample_suggests_names() -> None:
+    with pytest.raises(PoseloomError, match=r"Did you mean 'walk'\?"):
+        sample_motions()["walking"]
+
+
+def test_a_readme_one_level_up_states_the_licence(tmp_path: Path) -> None:
+    table = "| folder | what | licence |\n|---|---|---|\n| `a/01 02` | x | Terms A |\n| `b` | y | same |\n"
+    (tmp_path / "README.md").write_text(table)
+    for name in ("a", "b", "c"):
+        (tmp_path / "mocap" / name).mkdir(parents=True)
+        write_motion(sample_motions()["walk"].cut(0, 60), tmp_path / "mocap" / name / "walk.bvh")
+    found = find_sources([tmp_path / "mocap"], Selection(licence="mine")).sources
+    assert [source.licence for source in found] == ["Terms A", "Terms A", "mine"]
+
+
+def test_a_library_is_built_from_a_plain_script(tmp_path: Path) -> None:
+    script = tmp_path / "plain.py"
+    script.write_text("from poseloom.library import build_library\nprint(build_library(['samples'], 'out').clips)\n")
+    done = subprocess.run([sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout.strip()) == (0, "15"), done.stderr

@@ -80,7 +80,7 @@ def test_licences_are_those_stated_nearest(root: Path) -> None:
     assert licences["mocap/a/02_01.amc"] == "Some Terms 4.0"
     assert licences["mocap/c/jump_high2.bvh"] == "theirs"
     alone = find_sources([root / "b" / "walk.BVH"], Selection(licence="mine")).sources[0]
-    assert (alone.name, alone.licence) == ("b/walk.BVH", "mine")
+    assert (alone.name, alone.licence) == ("b/walk.BVH", "other terms")
 
 
 def test_a_table_overrides_what_names_tell(root: Path) -> None:

@@ -36,7 +36,7 @@ TIME = TIME_COLUMN
 _MOST_SKIPPED = 0.05
 """Share of lines that may be passed over."""
 _HEADER_LINES = 50
-_LABELLED = re.compile(r"([A-Za-z_]\w*)\s*[:=]\s*([^\s,;]*)")
+_LABELLED = re.compile(r"(?<!\w)([A-Za-z_]\w*)\s*[:=]\s*([^\s,;]*)")
 _NUMBER = re.compile(r"[+-]?(\d{1,15}([.,]\d{0,12})?|[.,]\d{1,12})([eE][+-]?\d{1,2})?")
 _STAMPED = re.compile(r"(\d{1,2}:\d{2}:\d{2}(?:[.,]\d{1,9})?)\s*(?:->|\u2192)\s*(.*)")
 """How the Arduino IDE shows a line with its time of arrival."""
