@@ -87,15 +87,16 @@ def write_artefact(
                 remedy="Store arrays of numbers, booleans or text, under names without a slash",
                 file=path,
             )
-    with atomic_file(path) as part, part.open("xb") as stream:
-        # Put together here: what zipfile raises when it cannot close its file hides why.
-        archive = zipfile.ZipFile(stream, "w")
+    # Put together in memory: where the disk is full, zipfile hides why it cannot close its file.
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w") as archive:
         archive.writestr(zipfile.ZipInfo(_HEADER, _EPOCH), text)
         for name, array in sorted(arrays.items()):
             content = io.BytesIO()
             np.lib.format.write_array(content, np.asanyarray(array), allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{name}.npy", _EPOCH), content.getbuffer())
-        archive.close()
+    with atomic_file(path) as part:
+        part.write_bytes(whole.getbuffer())
 
 
 def _header_text(
