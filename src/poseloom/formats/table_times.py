@@ -87,7 +87,10 @@ def usual_step(times: Floats[Array, "_"]) -> float:
     if forward.size == 0:
         return 1.0
     median = float(np.median(forward))
-    mean = float(forward[np.abs(forward - median) < 0.5 * median].mean())
+    near = forward[np.abs(forward - median) < 0.5 * median]
+    if near.size == 0:  # two steps that have nothing in common
+        return median
+    mean = float(near.mean())
     return median if abs(mean / median - 1) < _ROUNDED else mean
 
 

@@ -305,7 +305,9 @@ def _crossed(positions: Floats[Array, "rows sensors 3"], worn: SensorLayout, ste
     if np.count_nonzero(walks) < 2 * span:
         return 0.0
     left = np.stack([steps[walks, 1], -steps[walks, 0]], axis=1)  # up x forward, in x and z
-    return float(np.nanmean(np.sign(np.einsum("nj,nj->n", left, across[walks]))))
+    signs = np.sign(np.einsum("nj,nj->n", left, across[walks]))
+    known = signs[np.isfinite(signs)]
+    return float(known.mean()) if known.size else 0.0
 
 
 def _length(
