@@ -7,7 +7,8 @@ import tempfile
 from pathlib import Path
 
 from poseloom.evaluation.cases import Conditions, read_cases
-from poseloom.evaluation.experiment import Experiment, evaluate
+from poseloom.evaluation.experiment import evaluate_cases
+from poseloom.evaluation.plan import Experiment
 from poseloom.library import build_library
 from poseloom.methods import DEFAULT_METHOD
 from poseloom.report.strip import sequence_strip
@@ -22,7 +23,7 @@ def main() -> None:
         library = Path(folder) / "library"
         build_library(["samples"], library, mirror=True)
         cases = read_cases(["sample:walk"], conditions)
-        evaluation = evaluate(cases, Experiment((DEFAULT_METHOD,), library, conditions=conditions))
+        evaluation = evaluate_cases(cases, Experiment((DEFAULT_METHOD,), library, conditions=conditions))
     (IMAGES / "walk.svg").write_text(sequence_strip(evaluation.sequences[0]), encoding="utf-8")
 
 

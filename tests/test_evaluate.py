@@ -1,6 +1,7 @@
 """The loop over sequences and methods, what it leaves out of the library, and the command."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +10,27 @@ import pytest
 from poseloom.cli._app import run
 from poseloom.errors import PoseloomError
 from poseloom.evaluation.cases import Case, Conditions, case_of_motion, read_cases
-from poseloom.evaluation.experiment import Experiment, evaluate
+from poseloom.evaluation.experiment import evaluate_cases as evaluate
+from poseloom.evaluation.metrics import evaluate_motion
+from poseloom.evaluation.observed import Observed, _turned
+from poseloom.evaluation.plan import Experiment
+from poseloom.evaluation.request import evaluate as front_door
+from poseloom.evaluation.rows import read_results
 from poseloom.evaluation.splits import LeftOut, Split, allowed_poses, left_out, split_named
 from poseloom.formats import write_motion
-from poseloom.formats.recording import write_recording
+from poseloom.formats.recording import read_recording, write_recording
 from poseloom.library import MotionLibrary, build_library, open_library
+from poseloom.methods import InverseKinematics, choose, reconstruct
+from poseloom.methods.imus.baselines.driving import save_comparator
+from poseloom.methods.imus.baselines.fitting import fit_comparator
+from poseloom.methods.imus.behaviours import Behaviour
+from poseloom.methods.imus.pairs import pair_of_recording
 from poseloom.samples import sample_motions
-from poseloom.sensors import layout
+from poseloom.sensors import Recording, layout
 from poseloom.skeleton.mirror import mirror_motion
 from poseloom.skeleton.motion import Motion, make_motion
-from poseloom.synthesis import simulate_trackers
+from poseloom.skeleton.resample import resample
+from poseloom.synthesis import simulate_imus, simulate_trackers
 
 IK = "inverse-kinematics"
 LOCAL = "local-regression"
@@ -174,6 +186,141 @@ def test_what_cannot_be_evaluated_is_told(tmp_path: Path) -> None:
     write_recording(blind, tmp_path / "blind.mcap")
     with pytest.raises(PoseloomError, match="holds no truth"):
         read_cases([str(tmp_path / "blind.mcap")], Conditions())
+
+
+# --- any sensors ------------------------------------------------------------------------------------------------------
+
+
+def test_what_no_sensor_observes_is_not_measured() -> None:
+    """Turned about the vertical and moved as a whole, an estimate of IMUs is as good as before; one of trackers not."""
+    truth = case_of_motion(short("walk", 1.5), Conditions()).truth
+    off = make_motion(truth.skeleton, truth.q + 0.02 * np.sin(np.arange(len(truth)))[:, None], truth.rate)
+    moved = _turned(off, np.full(len(off), 2.0), about_origin=True)
+    q = moved.q.copy()
+    q[:, [0, 2]] += [3.0, -1.0]
+    moved = make_motion(truth.skeleton, q, truth.rate)
+    blind = Observed(heading=False, place=False)
+    near, far = (evaluate_motion(truth, estimate, blind) for estimate in (off, moved))
+    assert far == pytest.approx(near, rel=1e-6, abs=1e-6)
+    assert near["root_position_cm"] < 10.0
+    seen = evaluate_motion(truth, moved)
+    assert seen["root_position_cm"] > 200.0
+    assert seen["global_rotation_deg"] > 60.0 > far["global_rotation_deg"]
+    # A heading that drifts is the path's error, not the pose's.
+    drifting = _turned(off, np.linspace(0.0, 1.0, len(off)))
+    assert evaluate_motion(truth, drifting, blind)["joint_position_cm"] == pytest.approx(
+        near["joint_position_cm"], rel=0.05
+    )
+
+
+@pytest.mark.parametrize(("worn", "method"), [("flex-four+hips-imu", "flex-scales"), ("right-foot-imu", None)])
+def test_every_layout_is_measured(worn: str, method: str | None, tmp_path: Path) -> None:
+    model = ()
+    if method is None:
+        foot = layout(worn)
+        walking = resample(sample_motions()["run"], foot.rate)
+        pair = pair_of_recording(simulate_imus(walking, foot, seed=1), Behaviour.RUNNING, "run", "run")
+        save_comparator(fit_comparator("nearest-window", [pair], foot), tmp_path / "model.npz")
+        model = (tmp_path / "model.npz",)
+    found = front_door(short("walk"), layout=worn, models=model)
+    assert found.experiment.methods == (method or "nearest-window", "constant-pose")
+    assert "heading removed" in found.facts()["not observed"]
+    assert all(np.isfinite(result.metrics["joint_position_cm"]) for result in found.sequences[0].results)
+    assert "fitted" in found.notes[0]
+
+
+def test_channels_and_sensors_can_be_left_out() -> None:
+    heard: list[Recording] = []
+
+    class Ears(InverseKinematics):
+        def step(self, state, sample):
+            heard.append(sample)
+            return super().step(state, sample)
+
+    worn = layout("six-trackers")
+    for channels, drop in (("position", ["head"]), ("orientation", []), ("both", ["leftHand", "rightHand"])):
+        heard.clear()
+        found = front_door(short("walk", 0.6), [Ears(worn), "constant-pose"], channels=channels, drop=drop)
+        assert found.experiment.names == ("Ears", "constant-pose")
+        places = [np.isfinite(sample.positions).all(axis=1) for sample in heard]
+        turns = [np.isfinite(sample.quats_wxyz).all(axis=1) for sample in heard]
+        kept = np.array([name not in drop for name in worn.names])
+        assert (np.array(places) == (kept & (channels != "orientation"))).all()
+        assert (np.array(turns) == (kept & (channels != "position"))).all()
+        observed = found.sequences[0].results[0].observed
+        assert (observed.heading, observed.place) == (True, channels != "orientation")
+    with pytest.raises(PoseloomError, match="no trackers whose position"):
+        front_door(short("walk"), layout="right-foot-imu", channels="position", methods="constant-pose")
+    with pytest.raises(PoseloomError, match="Did you mean 'leftHand'"):
+        front_door(short("walk"), IK, drop=["leftHnad"])
+
+
+def test_a_recording_of_another_rate_is_measured_at_the_librarys(library: MotionLibrary) -> None:
+    recording = simulate_trackers(short("walk", 1.2), replace(layout("six-trackers"), rate=60.0), seed=2)
+    found = front_door(recording, [LOCAL, IK], library=library, split="none")
+    assert found.sequences[0].truth.rate == 40.0
+    assert {len(result.motion) for result in found.sequences[0].results} == {len(found.sequences[0].truth)}
+    assert "60 samples a second" in found.notes[0]
+    offline = reconstruct(choose(recording.layout, LOCAL, library=library).method, recording)
+    assert np.array_equal(offline.motion.q, found.sequences[0].results[0].motion.q)
+
+
+def test_the_person_of_a_recording_is_hidden_or_asked_for(library: MotionLibrary, tmp_path: Path) -> None:
+    motion = slower(sample_motions()["kick"])
+    recording = simulate_trackers(motion, layout("six-trackers"))
+    with pytest.raises(PoseloomError, match="nobody says who moves"):
+        front_door(recording, LOCAL, library=library, split="by-subject")
+    told = front_door(recording, LOCAL, library=library, split="by-subject", subject="other", stop=1.3)
+    assert names(library, told.left_out[0]) == {c.name for c in library.clips if c.subject == "other"}
+    knowing = replace(recording, settings={**recording.settings, "subject": "deepmimic"})
+    write_recording(knowing, tmp_path / "a.mcap")
+    (case,) = read_cases([str(tmp_path)], Conditions())
+    assert case.subject == "deepmimic"
+    assert run(["simulate", "sample:walk", "-o", str(tmp_path / "b.mcap"), "--stop", "0.6"]) == 0
+    assert read_recording(tmp_path / "b.mcap").settings["subject"] == "deepmimic"
+
+
+def test_parts_and_what_is_too_short(library: MotionLibrary, tmp_path: Path) -> None:
+    recording = simulate_trackers(short("walk", 1.5), layout("six-trackers"))
+    write_recording(recording, tmp_path / "walk.mcap")
+    write_recording(recording.cut(0, 8), tmp_path / "brief.mcap")
+    write_recording(replace(recording, truth=None), tmp_path / "blind.mcap")
+    write_motion(short("run", 1.5), tmp_path / "run.npz")
+    found = front_door(tmp_path, IK, start=0.5, stop=1.25)
+    assert [len(sequence.truth) for sequence in found.sequences] == [31, 31]
+    assert len(found.skipped) == 2
+    assert any("brief.mcap" in text for text in found.skipped)
+    assert any("blind.mcap" in text and "no truth" in text for text in found.skipped)
+    np.testing.assert_array_equal(found.sequences[0].truth.q, recording.truth.q[20:51])
+    given = [short("walk", 0.8), sample_motions()["kick"].cut(0, 90)]
+    found = front_door(given, LOCAL, library=library)
+    assert [sequence.name for sequence in found.sequences] == [given[1].name]
+    assert "too short to tell" in found.skipped[0]
+    with pytest.raises(PoseloomError, match="no sequence is left"):
+        front_door(tmp_path, IK, start=30.0)
+
+
+def test_six_methods_fit_on_a_narrow_terminal(
+    library: MotionLibrary, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    methods = ("local-filter", "local-gaussian", LOCAL, "nearest-example", IK, "constant-pose")
+    options = ["-l", str(library.path), "--stop", "0.55", "--workers", "1", "--json", str(tmp_path / "rows.json")]
+    code = run(["evaluate", "sample:walk", "sample:run", *options, *(f"--method={name}" for name in methods)])
+    assert code == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    for name in methods:  # never broken, never cut: the three blocks each have a line of it
+        assert sum(line.split()[:1] == [name] for line in lines) == 3
+    assert not any("…" in line for line in lines)
+    content = json.loads((tmp_path / "rows.json").read_text(encoding="utf-8"))
+    assert [sequence["name"] for sequence in content["sequences"]] == ["walk", "run"]
+    assert set(content["sequences"][1]["methods"]) == set(methods)
+    means = {(row["method"], row["metric"]): row["value"] for row in content["rows"]}
+    for name in methods:
+        each = [sequence["methods"][name]["sip_deg"] for sequence in content["sequences"]]
+        assert np.mean(each) == pytest.approx(means[name, "sip_deg"])
+    assert read_results(tmp_path / "rows.json").sequences[0].frames == 23
 
 
 # --- the command -----------------------------------------------------------------------------------------------------

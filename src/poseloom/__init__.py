@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from poseloom.errors import PoseloomError
     from poseloom.evaluation.metrics import evaluate_motion
+    from poseloom.evaluation.request import evaluate
     from poseloom.formats import read_motion, read_motions, write_motion
     from poseloom.formats.recording import read_recording, write_recording
     from poseloom.library import MotionLibrary, build_library, open_library
@@ -46,6 +47,7 @@ _HOMES = {
     "average_body": "skeleton.body",
     "build_library": "library",
     "default_placements": "sensors.placement",
+    "evaluate": "evaluation.request",
     "evaluate_motion": "evaluation.metrics",
     "layout": "sensors.layout",
     "make_layout": "sensors.layout",
@@ -82,6 +84,7 @@ __all__ = [
     "average_body",
     "build_library",
     "default_placements",
+    "evaluate",
     "evaluate_motion",
     "layout",
     "make_layout",

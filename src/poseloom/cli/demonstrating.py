@@ -46,9 +46,10 @@ def demo(
     """
     from rich.console import Console
 
-    from poseloom.cli.evaluating import evaluation_table
+    from poseloom.cli.evaluating import print_evaluation
     from poseloom.evaluation.cases import Conditions, case_of_motion
-    from poseloom.evaluation.experiment import Experiment, evaluate
+    from poseloom.evaluation.experiment import evaluate_cases
+    from poseloom.evaluation.plan import Experiment
     from poseloom.formats import write_motion
     from poseloom.formats.atomic import atomic_file
     from poseloom.library import SkipKind
@@ -66,7 +67,7 @@ def demo(
         clip = choose_clip(library.clips, library.rate)
         case = case_of_motion(library.motion(clip), Conditions(), clip.name, clip.digest, clip.subject)
         methods = tuple(dict.fromkeys((DEFAULT_METHOD, *_BESIDE)))
-        evaluation = evaluate([case], Experiment(methods, library.path), show)
+        evaluation = evaluate_cases([case], Experiment(methods, library.path), show)
     for skipped in library.skipped if is_new else ():
         if skipped.kind == SkipKind.UNREADABLE:
             typer.echo(f"not in the library: {skipped.source}: {skipped.reason}", err=True)
@@ -84,7 +85,7 @@ def demo(
     with atomic_file(out / f"{stem}.svg") as part:
         part.write_text(sequence_strip(evaluation.sequences[0]), encoding="utf-8")
     console = Console()
-    console.print(evaluation_table(evaluation))
+    print_evaluation(evaluation, console)
     console.print(_advice(out, stem, data), highlight=False, soft_wrap=True)
     if not has_charts():
         typer.echo(f"There is no report.html: {NO_CHARTS}", err=True)

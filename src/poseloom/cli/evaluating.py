@@ -9,14 +9,21 @@ import typer
 from poseloom.cli._progress import progress_bars
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from poseloom.evaluation.experiment import Evaluation
 
 _SHOWN = (
-    *("joint_angle_deg", "joint_rotation_deg", "global_rotation_deg", "sip_deg", "joint_position_cm"),
-    *("root_position_cm", "jitter_deg_s3", "foot_skate_cm_s", "look_ahead_ms", "step_ms_p50", "step_ms_p99"),
+    ("joint_angle_deg", "joint_rotation_deg", "global_rotation_deg", "sip_deg", "joint_position_cm"),
+    ("root_position_cm", "root_drift_per_metre", "jitter_deg_s3", "foot_skate_cm_s"),
+    ("look_ahead_ms", "step_ms_p50", "step_ms_p99"),
 )
+"""Metrics of each block: of poses, of the path, of time."""
+_HEADING = 10
+"""Letters of a heading's line."""
+_THOUSANDS = 5000
+"""From here on figures are shown in thousands."""
 _MOST_SEQUENCES = 12
 """Sequences up to which each has a line of its own."""
 
@@ -31,20 +38,40 @@ def evaluate(
         list[str],
         typer.Argument(
             metavar="REC_OR_CLIP...",
-            help="Recordings with truth (.mcap), motion files, folders of them, sample:NAME, or samples for all.",
+            help="Recordings with truth (.mcap), motion files, folders of both, sample:NAME, or samples for all.",
         ),
     ],
     method: Annotated[
         list[str] | None,
-        typer.Option("--method", "-m", help="A method (see `poseloom methods`); may be repeated."),
+        typer.Option(
+            "--method",
+            "-m",
+            help="A method (see `poseloom methods`), or constant-pose; may be repeated. Unless given: the default one"
+            " and the baselines that can run.",
+        ),
     ] = None,
     library: Annotated[Path | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model", metavar="[METHOD=]FILE", help="A fitted model, for the method that it says. May be repeated."
+        ),
+    ] = None,
     split: Annotated[
         str, typer.Option(help="What of the library is left out: by-sequence, by-subject or none.")
     ] = "by-sequence",
-    layout: Annotated[str, typer.Option(help="Trackers that motions wear.")] = "six-trackers",
-    noise_mm: Annotated[float, typer.Option(help="Position noise of those, millimetres an axis.")] = 3.0,
-    noise_deg: Annotated[float, typer.Option(help="Orientation noise of those, degrees an axis.")] = 0.5,
+    subject: Annotated[str, typer.Option(help="Who moves, where a recording does not say so.")] = "",
+    layout: Annotated[
+        str, typer.Option(help="Sensors that motions wear: six-trackers, right-foot-imu, flex-four ...")
+    ] = "six-trackers",
+    channels: Annotated[str, typer.Option(help="What of trackers is used: position, orientation or both.")] = "both",
+    drop: Annotated[
+        list[str] | None, typer.Option(metavar="SENSOR", help="A sensor to leave out. May be repeated.")
+    ] = None,
+    start: Annotated[float, typer.Option(help="Second of each sequence to begin at.", min=0.0)] = 0.0,
+    stop: Annotated[float | None, typer.Option(help="Second of each sequence to end at.", min=0.0)] = None,
+    noise_mm: Annotated[float, typer.Option(help="Position noise of trackers, millimetres an axis.")] = 3.0,
+    noise_deg: Annotated[float, typer.Option(help="Orientation noise of trackers, degrees an axis.")] = 0.5,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
     json: Annotated[Path | None, typer.Option(help="Write the figures as rows of JSON.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a page with moving figures and plots (.html).")] = None,
@@ -59,28 +86,27 @@ def evaluate(
 
     from rich.console import Console
 
-    from poseloom.evaluation.cases import Conditions, read_cases
-    from poseloom.evaluation.experiment import Experiment
-    from poseloom.evaluation.experiment import evaluate as run
+    from poseloom.evaluation.request import evaluate as run
     from poseloom.evaluation.rows import write_results
-    from poseloom.evaluation.splits import split_named
-    from poseloom.report.charts import require_charts
     from poseloom.synthesis import TrackerNoise
 
-    if report is not None:
-        require_charts()
     for output in (json, report):
         _check_output(output)
-    conditions = Conditions(layout, TrackerNoise(position_m=noise_mm / 1e3, orientation_rad=radians(noise_deg)), seed)
-    methods = tuple(dict.fromkeys(method or ("local-filter", "inverse-kinematics")))
-    experiment = Experiment(methods, library, split_named(split), conditions, workers or os.cpu_count() or 1)
+    noise = TrackerNoise(position_m=noise_mm / 1e3, orientation_rad=radians(noise_deg))
     with progress_bars() as show:
-        cases = read_cases(clips, conditions, skeleton, lambda done, total: show("reading motions", done, total))
-        evaluation = run(cases, experiment, show)
+        evaluation = run(
+            clips, method, library=library, models=model or (), layout=layout, split=split, noise=noise,
+            channels=channels, drop=drop or (), start=start, stop=stop, subject=subject, seed=seed,
+            workers=workers or os.cpu_count() or 1, skeleton=skeleton, progress=show,
+        )  # fmt: skip
     console = Console()
-    console.print(evaluation_table(evaluation))
-    if 1 < len(cases) <= _MOST_SEQUENCES:
+    print_evaluation(evaluation, console)
+    if 1 < len(evaluation.sequences) <= _MOST_SEQUENCES:
         console.print(_by_sequence(evaluation))
+    for text in evaluation.skipped:
+        console.print(f"skipped: {text}", highlight=False)
+    for text in evaluation.notes:
+        console.print(f"note: {text}", highlight=False)
     if json is not None:
         write_results(evaluation.results(), json)
         console.print(f"rows: {json}", highlight=False)
@@ -98,8 +124,23 @@ def _check_output(output: Path | None) -> None:
         check_folder(output)
 
 
-def evaluation_table(evaluation: "Evaluation") -> "Table":
-    """The main figures of an evaluation as a table for the terminal, its title saying of what they are."""
+def print_evaluation(evaluation: "Evaluation", console: "Console") -> None:
+    """The main figures of an evaluation for the terminal, under the facts of what they are of."""
+    for name, value in evaluation.facts().items():
+        console.print(f"{name}: {value}", highlight=False)
+    for metrics in _SHOWN:
+        table = _figures_table(evaluation, metrics)
+        if table.columns[1:]:
+            console.print(table)
+    count = len(evaluation.sequences)
+    if count > 1:
+        console.print(f"mean±standard deviation over {count} sequences; smaller is better", highlight=False)
+
+
+def _figures_table(evaluation: "Evaluation", metrics: tuple[str, ...]) -> "Table":
+    """One line a method, one column a metric: six methods fit on a narrow terminal."""
+    from textwrap import wrap
+
     from rich import box
     from rich.table import Table
 
@@ -107,17 +148,16 @@ def evaluation_table(evaluation: "Evaluation") -> "Table":
     from poseloom.evaluation.results import mean_over_sequences
 
     means = mean_over_sequences(evaluation.sequences)
-    told = "\n".join(f"{name}: {value}" for name, value in evaluation.facts().items())
-    table = Table("metric", title=told, box=box.SIMPLE_HEAD, title_justify="left", title_style="")
-    for name in means:
-        table.add_column(name, justify="right")
-    for metric in _SHOWN:
-        cells = [means[name].get(metric) for name in means]
-        if any(cell is not None for cell in cells):
-            shown = ["–" if cell is None else _figure(cell.value, cell.spread) for cell in cells]
-            table.add_row(METRIC_LABELS[metric], *shown)
-    if len(evaluation.sequences) > 1:
-        table.caption = f"mean ± standard deviation over {len(evaluation.sequences)} sequences; smaller is better"
+    table = Table("method", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.columns[0].no_wrap = True
+    shown = [metric for metric in metrics if any(metric in figures for figures in means.values())]
+    for metric in shown:
+        label, _, unit = METRIC_LABELS[metric].rpartition(", ")
+        heading = [*wrap(label, _HEADING), unit]
+        table.add_column("\n".join(heading), justify="right", vertical="bottom", no_wrap=True)
+    for name, figures in means.items():
+        cells = [figures.get(metric) for metric in shown]
+        table.add_row(name, *("–" if cell is None else _figure(cell.value, cell.spread) for cell in cells))
     return table
 
 
@@ -125,17 +165,20 @@ def _by_sequence(evaluation: "Evaluation") -> "Table":
     from rich import box
     from rich.table import Table
 
-    table = Table("joint angle, °", "frames", box=box.SIMPLE_HEAD)
-    for name in evaluation.experiment.methods:
-        table.add_column(name, justify="right")
+    table = Table("joint angle, °", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.columns[0].overflow = "fold"
+    for name in evaluation.experiment.names:
+        table.add_column(name.replace("-", "-\n"), justify="right", vertical="bottom")
     for sequence in evaluation.sequences:
         figures = [_figure(result.metrics["joint_angle_deg"], None) for result in sequence.results]
-        table.add_row(sequence.name, str(len(sequence.truth)), *figures)
+        table.add_row(sequence.name, *figures)
     return table
 
 
 def _figure(value: float, spread: float | None) -> str:
     from math import floor, log10
 
+    if abs(value) >= _THOUSANDS:
+        return f"{value / 1000:.1f}k" + ("" if spread is None else f"±{spread / 1000:.0f}k")
     digits = max(0, 2 - floor(log10(max(abs(value), 1e-3)))) if value else 0
-    return f"{value:.{digits}f}" + ("" if spread is None else f" ± {spread:.{digits}f}")
+    return f"{value:.{digits}f}" + ("" if spread is None else f"±{spread:.{max(0, digits - 1)}f}")

@@ -87,6 +87,10 @@ def simulate(
         Path | None, typer.Option(help="The skeleton's file, where none stands beside the motion.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="What to call the recording.")] = None,
+    subject: Annotated[
+        str | None,
+        typer.Option(help="Who moves, as a motion library calls them; by the file's name if left out."),
+    ] = None,
 ) -> None:
     """Let a body that moves as CLIP does wear virtual sensors, and record them.
 
@@ -122,9 +126,11 @@ def simulate(
 
     from poseloom.cli.virtual_sensors import simulate_worn
     from poseloom.formats.recording import write_recording
+    from poseloom.library.sources import subject_of
     from poseloom.samples import read_clip
     from poseloom.sensors import layout as layout_by_name
     from poseloom.sensors import make_layout
+    from poseloom.sensors.recording import SUBJECT
     from poseloom.skeleton.retarget import retarget
     from poseloom.synthesis import parse_fault
 
@@ -136,6 +142,8 @@ def simulate(
     moving = _cut(retarget(read_clip(clip, skeleton)), start, stop)
     asked = {option: value for option, value in given.items() if value is not None}
     recording = simulate_worn(moving, worn, asked, faults, seed)
+    who = subject or subject_of(clip)
+    recording = replace(recording, settings={**recording.settings, SUBJECT: who})
     if name is not None:
         recording = replace(recording, name=name)
     write_recording(recording, output)

@@ -1,48 +1,37 @@
 """Runs methods over sequences, in a pool of processes, and measures what comes out."""
 
 import hashlib
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import degrees
 from pathlib import Path
 from typing import Any
 
 from poseloom.errors import PoseloomError
-from poseloom.evaluation.cases import Case, Conditions, sensed
+from poseloom.evaluation.cases import Case, Channels, Conditions
+from poseloom.evaluation.constant_pose import CONSTANT_POSE, ConstantPose
+from poseloom.evaluation.observed import observed_by
+from poseloom.evaluation.plan import Experiment, at_one_rate, findable_cases, named_methods, unknown_people
 from poseloom.evaluation.results import MethodResult, SequenceResult, compare, mean_over_sequences
-from poseloom.evaluation.rows import Results, Row, motions_digest
+from poseloom.evaluation.rows import Results, Row, SequenceFigures, motions_digest
+from poseloom.evaluation.sensed import sensed
 from poseloom.evaluation.splits import LeftOut, Split, allowed_poses, left_out
 from poseloom.library import MotionLibrary, open_library
 from poseloom.library.pool import in_order
 from poseloom.library.store import HEADER_FILE
-from poseloom.methods import Reconstructor, make_method, needs_library, reconstruct
-from poseloom.sensors import Recording
+from poseloom.methods.choose import Method, choose
+from poseloom.methods.contract import Reconstructor
+from poseloom.methods.reconstruction import reconstruct
+from poseloom.methods.registry import needs_library
+from poseloom.sensors import Recording, SensorKind
 
 Progress = Callable[[str, int, int], object]
 """Called with the name of what is being done, and how many of how many are."""
 
 _WARM_UP = 5
 """Samples that a method hears before the clock starts, so that compiling its kernels is not timed."""
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """What to run.
-
-    Attributes:
-        methods: Names of methods.
-        library: Folder of the motion library; None where no method needs one.
-        split: What of the library a method may not see.
-        conditions: The sensors.
-        workers: Number of processes.
-    """
-
-    methods: tuple[str, ...]
-    library: Path | None = None
-    split: Split = Split.BY_SEQUENCE
-    conditions: Conditions = field(default_factory=Conditions)
-    workers: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +45,8 @@ class Evaluation:
         library_poses: Size of the library; 0 without one.
         setting: The sensors, in words.
         data_digest: Digest of the truths and of the library.
+        skipped: Sequences that are not among these, and why, in words.
+        notes: What people should know of how it was measured.
     """
 
     experiment: Experiment
@@ -64,6 +55,8 @@ class Evaluation:
     library_poses: int
     setting: str
     data_digest: str
+    skipped: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def frames(self) -> int:
@@ -77,6 +70,11 @@ class Evaluation:
         count = len(self.sequences)
         data = f"{count} sequence{'s' * (count > 1)}, {self.frames} frames"
         facts = {"data": data, "sensors": self.setting}
+        removed = dict.fromkeys(
+            result.observed.in_words() for sequence in self.sequences for result in sequence.results
+        )
+        if any(removed):
+            facts["not observed"] = "; ".join(words for words in removed if words)
         if self.library_poses:
             facts["library"] = f"{self.library_poses} poses"
             facts["split"] = f"{experiment.split}{self._left_out_in_words()}"
@@ -91,13 +89,14 @@ class Evaluation:
 
     def results(self, benchmark: str = "evaluate", table: str = "evaluate") -> Results:
         """The figures as rows."""
-        return Results(benchmark, self.data_digest, _rows(self, table))
+        return Results(benchmark, self.data_digest, _rows(self, table), sequences=_figures(self))
 
 
-def evaluate(cases: Sequence[Case], experiment: Experiment, progress: Progress | None = None) -> Evaluation:
+def evaluate_cases(cases: Sequence[Case], experiment: Experiment, progress: Progress | None = None) -> Evaluation:
     """Runs every method over every case.
 
-    A method is given what the sensors say, the wearer's bones and the placements; the truth is looked at afterwards.
+    All methods get the same samples, at the rate that the methods need. A method is given what the sensors say, the
+    wearer's bones and the placements; the truth is looked at afterwards.
     With more than one worker a script must guard its top level by `if __name__ == "__main__"`.
 
     Args:
@@ -106,19 +105,26 @@ def evaluate(cases: Sequence[Case], experiment: Experiment, progress: Progress |
         progress: Told how far it is.
 
     Raises:
-        PoseloomError: for no case, an unknown method, a missing library, or what a method refuses.
+        PoseloomError: for no case, an unknown method, a missing library, methods of different rates, or what a method
+            refuses.
     """
     tell = progress or _silent
     if not cases or not experiment.methods:
         raise PoseloomError("there is nothing to evaluate", remedy="Give at least one motion and one method")
     library = _library_for(experiment)
+    cases, notes = at_one_rate(cases, experiment, library)
+    cases, skipped = findable_cases(cases, experiment, library)
+    notes += unknown_people(cases, experiment, library)
     forbidden = tuple(LeftOut() for _ in cases)
     if library is not None and experiment.split is not Split.NONE:
         forbidden = left_out(library, cases, experiment.split, lambda done, total: tell("finding copies", done, total))
+    # Processes open the library themselves: its poses are not sent to them.
+    path = library.path if library is not None and experiment.workers > 1 else library
+    told = replace(experiment, library=path)
     trials = [
-        _Trial(case, experiment, name, experiment.conditions.seed + index, forbidden[index])
+        _Trial(case, told, method, name, experiment.conditions.seed + index, forbidden[index])
         for index, case in enumerate(cases)
-        for name in experiment.methods
+        for method, name in zip(experiment.methods, experiment.names, strict=True)
     ]
     tell("evaluating", 0, len(trials))
     results: list[MethodResult] = []
@@ -136,12 +142,14 @@ def evaluate(cases: Sequence[Case], experiment: Experiment, progress: Progress |
         0 if library is None else len(library.poses),
         _describe_setting(cases, experiment.conditions),
         _digest(cases, library),
+        skipped,
+        notes,
     )
 
 
 def _library_for(experiment: Experiment) -> MotionLibrary | None:
     """The library, where a method needs one; every method's name is checked on the way."""
-    wanted = [name for name in experiment.methods if needs_library(name)]
+    wanted = [name for name in named_methods(experiment) if needs_library(name)]
     if not wanted:
         return None
     if experiment.library is None:
@@ -149,7 +157,8 @@ def _library_for(experiment: Experiment) -> MotionLibrary | None:
             f"the method {wanted[0]!r} needs a motion library",
             remedy="Build one with `poseloom library build` and name it with --library, or leave the method out",
         )
-    return open_library(experiment.library)
+    library = experiment.library
+    return library if isinstance(library, MotionLibrary) else open_library(library)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,22 +167,34 @@ class _Trial:
 
     case: Case
     experiment: Experiment
-    method: str
+    method: Method
+    name: str
     seed: int
     forbidden: LeftOut
 
 
 def _run(trial: _Trial) -> MethodResult:
     recording = sensed(trial.case, trial.experiment.conditions, trial.seed)
-    folder = trial.experiment.library
-    library = allowed = None
-    if needs_library(trial.method) and folder is not None:
-        library = _opened(folder, (folder / HEADER_FILE).stat().st_mtime_ns)
-        allowed = allowed_poses(library, trial.forbidden)
-    method = make_method(trial.method, recording.layout, library, allowed)
+    method = _method(trial, recording)
     _warm_up(method, recording)
     made = reconstruct(method, recording)
-    return compare(trial.method, trial.case.truth, made.motion, made.samples, made.step_seconds, method.delay)
+    return compare(
+        trial.name, trial.case.truth, made.motion, made.samples, made.step_seconds, method.delay, observed_by(recording)
+    )
+
+
+def _method(trial: _Trial, recording: Recording) -> Reconstructor[Any]:
+    if trial.method == CONSTANT_POSE:
+        return ConstantPose(recording.layout)
+    library = trial.experiment.library
+    allowed = None
+    if isinstance(trial.method, str) and needs_library(trial.method) and library is not None:
+        if not isinstance(library, MotionLibrary):
+            folder = Path(library)
+            library = _opened(folder, (folder / HEADER_FILE).stat().st_mtime_ns)
+        allowed = allowed_poses(library, trial.forbidden)
+    model = trial.experiment.models.get(trial.method) if isinstance(trial.method, str) else None
+    return choose(recording.layout, trial.method, library=library, model=model, allowed=allowed).method
 
 
 @lru_cache(maxsize=1)
@@ -193,8 +214,13 @@ def _describe_setting(cases: Sequence[Case], conditions: Conditions) -> str:
     if any(case.recording is not None for case in cases):
         parts.append("sensors as recorded")
     if any(case.recording is None for case in cases):
-        noise = conditions.noise
-        parts.append(f"{conditions.layout}, {1e3 * noise.position_m:g} mm and {degrees(noise.orientation_rad):g}°")
+        noise, worn = conditions.noise, conditions.worn
+        errors = f", {1e3 * noise.position_m:g} mm and {degrees(noise.orientation_rad):g}°"
+        parts.append(worn.name + (errors if worn.of_kind(SensorKind.TRACKER) else ""))
+    if conditions.channels is not Channels.BOTH:
+        parts.append(f"{conditions.channels.value} only")
+    if conditions.drop:
+        parts.append(f"without {', '.join(conditions.drop)}")
     return "; ".join(parts)
 
 
@@ -224,4 +250,21 @@ def _rows(evaluation: Evaluation, table: str) -> tuple[Row, ...]:
         )
         for method, metrics in mean_over_sequences(evaluation.sequences).items()
         for metric, mean in metrics.items()
+    )
+
+
+def _figures(evaluation: Evaluation) -> tuple[SequenceFigures, ...]:
+    """The figures of each sequence by itself."""
+    seed = evaluation.experiment.conditions.seed
+    return tuple(
+        SequenceFigures(
+            sequence.name,
+            len(sequence.truth),
+            seed + index,
+            {
+                result.name: {name: value for name, value in result.metrics.items() if math.isfinite(value)}
+                for result in sequence.results
+            },
+        )
+        for index, sequence in enumerate(evaluation.sequences)
     )

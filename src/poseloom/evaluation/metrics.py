@@ -12,6 +12,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.evaluation import profiles
+from poseloom.evaluation.observed import Observed, begun_as, facing_as
 from poseloom.rotations import unwrap_rotvec
 from poseloom.skeleton.body import BODY_BONES, moving_dofs
 from poseloom.skeleton.contacts import contacts, sole_positions
@@ -20,6 +21,9 @@ from poseloom.skeleton.motion import Motion
 
 SIP_BONES = ("leftUpperLeg", "rightUpperLeg", "leftUpperArm", "rightUpperArm")
 """Hips and shoulders, the joints farthest from sensors out on the limbs (named after the Sparse Inertial Poser)."""
+
+EVERYTHING = Observed()
+"""Sensors that observe place and heading."""
 
 SHORTEST_WALK = 1.0
 """Metres of the truth's way below which drift a metre is not defined."""
@@ -139,27 +143,35 @@ def latency(step_seconds: Floats[Array, "steps"], delay: int, rate: float) -> La
     return Latency(1000 * delay / rate, float(p50), float(p95), float(p99))
 
 
-def evaluate_motion(truth: Motion, estimate: Motion) -> dict[str, float]:
+def evaluate_motion(truth: Motion, estimate: Motion, observed: Observed = EVERYTHING) -> dict[str, float]:
     """All metrics of one sequence by name, and the truth's own jitter beside the estimate's.
 
     Args:
         truth: The true motion, on the body.
         estimate: The estimate, on the body, frame for frame at the same rate.
+        observed: What the sensors observe. A heading that none does is removed frame by frame for the pose; for the
+            path, place and heading that none observes are brought to the truth's at the beginning.
 
     Raises:
         PoseloomError: where the two cannot be compared (see `profiles.check_pair`).
     """
     profiles.check_pair(truth, estimate)
-    return {metric.name: metric.measure(truth, estimate) for metric in METRICS.values()}
+    path = begun_as(truth, estimate, observed)
+    pose = path if observed.heading else facing_as(truth, path)
+    return {metric.name: metric.measure(truth, path if metric.of_path else pose) for metric in METRICS.values()}
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric's name, which ends in its unit, a short label for tables, and its definition."""
+    """A metric's name, which ends in its unit, a short label for tables, its definition, and whether it is of paths.
+
+    Those of paths look at movement from frame to frame and at the root; the others at each pose by itself.
+    """
 
     name: str
     label: str
     measure: Callable[[Motion, Motion], float]
+    of_path: bool = False
 
 
 def _of_estimate(measure: Callable[[Motion], float]) -> Callable[[Motion, Motion], float]:
@@ -180,14 +192,14 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
             Metric("sip_deg", "hips and shoulders, °", sip_deg),
             Metric("joint_position_cm", "joint position, cm", joint_position_cm),
             Metric("joint_position_rms_cm", "joint position RMS, cm", joint_position_rms_cm),
-            Metric("root_position_cm", "root position, cm", root_position_cm),
-            Metric("root_drift_m", "root drift, m", root_drift_m),
-            Metric("root_drift_per_metre", "root drift, m per m", root_drift_per_metre),
-            Metric("jitter_deg_s3", "jitter, °/s³", _of_estimate(jitter_deg_s3)),
+            Metric("root_position_cm", "root position, cm", root_position_cm, True),
+            Metric("root_drift_m", "root drift, m", root_drift_m, True),
+            Metric("root_drift_per_metre", "root drift, m per m", root_drift_per_metre, True),
+            Metric("jitter_deg_s3", "jitter, °/s³", _of_estimate(jitter_deg_s3), True),
             Metric("truth_jitter_deg_s3", "jitter of the truth, °/s³", _of_truth(jitter_deg_s3)),
-            Metric("jitter_km_s3", "jitter, km/s³", _of_estimate(jitter_km_s3)),
+            Metric("jitter_km_s3", "jitter, km/s³", _of_estimate(jitter_km_s3), True),
             Metric("truth_jitter_km_s3", "jitter of the truth, km/s³", _of_truth(jitter_km_s3)),
-            Metric("foot_skate_cm_s", "foot skate, cm/s", foot_skate_cm_s),
+            Metric("foot_skate_cm_s", "foot skate, cm/s", foot_skate_cm_s, True),
             Metric("truth_foot_skate_cm_s", "foot skate of the truth, cm/s", _skate_of_truth),
         )
     }

@@ -8,7 +8,8 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats, Ints
 from poseloom.errors import PoseloomError
-from poseloom.evaluation.metrics import evaluate_motion, latency
+from poseloom.evaluation.metrics import EVERYTHING, evaluate_motion, latency
+from poseloom.evaluation.observed import Observed, begun_as, facing_as
 from poseloom.skeleton.motion import Motion, make_motion
 
 
@@ -22,6 +23,7 @@ class MethodResult:
         samples: For each frame of the estimate the frame of the truth that it belongs to, increasing.
         step_seconds: Wall time of each step; empty where the method was not timed.
         metrics: All metrics by name, those of `metrics.METRICS` and of `metrics.Latency`; NaN where one is not defined.
+        observed: What the sensors observe; the motion begins where the truth does in what they do not.
     """
 
     name: str
@@ -29,6 +31,15 @@ class MethodResult:
     samples: Ints[Array, "frames"]
     step_seconds: Floats[Array, "steps"]
     metrics: Mapping[str, float]
+    observed: Observed = EVERYTHING
+
+    def pose_motion(self, truth: Motion) -> Motion:
+        """The estimate as its poses are measured, with the truth's heading where no sensor observes one.
+
+        Args:
+            truth: The frames of the truth that the estimate speaks of.
+        """
+        return self.motion if self.observed.heading else facing_as(truth, self.motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +64,7 @@ def compare(
     samples: Ints[Array, "frames"] | None = None,
     step_seconds: Floats[Array, "steps"] | None = None,
     delay: int = 0,
+    observed: Observed = EVERYTHING,
 ) -> MethodResult:
     """Sets an estimate beside the truth and measures it.
 
@@ -63,6 +75,7 @@ def compare(
         samples: Which frame of the truth each frame of the estimate belongs to; all in order where None.
         step_seconds: Wall time of each step.
         delay: Samples between hearing a moment and speaking of it.
+        observed: What the sensors observe.
 
     Raises:
         PoseloomError: where the two cannot be compared.
@@ -74,9 +87,10 @@ def compare(
             remedy="Give the truth of the same recording",
         )
     seconds = np.empty(0) if step_seconds is None else step_seconds
-    values = evaluate_motion(truth_of(truth, frames), estimate)
+    own = truth_of(truth, frames)
+    values = evaluate_motion(own, estimate, observed)
     values |= asdict(latency(seconds, delay, truth.rate))
-    return MethodResult(name, estimate, frames, seconds, values)
+    return MethodResult(name, begun_as(own, estimate, observed), frames, seconds, values, observed)
 
 
 def truth_of(truth: Motion, samples: Ints[Array, "frames"]) -> Motion:

@@ -1,13 +1,14 @@
 """The one form in which benchmarks and evaluations leave their figures: a JSON file of rows.
 
 {"benchmark": ..., "version": ..., "data_digest": ...,
- "rows": [{"table", "method", "setting", "split", "metric", "value", "spread", "sequences", "frames", "seed"}, ...]}
+ "rows": [{"table", "method", "setting", "split", "metric", "value", "spread", "sequences", "frames", "seed"}, ...],
+ "sequences": [{"name", "frames", "seed", "methods": {method: {metric: value}}}, ...]}   (where a run keeps them)
 """
 
 import hashlib
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
@@ -49,6 +50,23 @@ class Row:
 
 
 @dataclass(frozen=True)
+class SequenceFigures:
+    """The figures of one sequence.
+
+    Attributes:
+        name: What the sequence is called.
+        frames: Frames of its truth.
+        seed: Seed of what was drawn for it.
+        methods: Metrics by method; one that is not defined is left out.
+    """
+
+    name: str
+    frames: int
+    seed: int
+    methods: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
 class Results:
     """The rows of one run.
 
@@ -57,12 +75,14 @@ class Results:
         data_digest: Digest of the data behind the rows (see `motions_digest`); empty where no data was read.
         rows: The figures.
         version: Version of poseloom that made them.
+        sequences: The figures of each sequence by itself, where a run keeps them.
     """
 
     benchmark: str
     data_digest: str
     rows: tuple[Row, ...]
     version: str = ""
+    sequences: tuple[SequenceFigures, ...] = ()
 
 
 def motions_digest(motions: Iterable[Motion]) -> str:
@@ -91,12 +111,14 @@ def write_results(results: Results, path: str | Path) -> None:
                 remedy="Leave rows without a figure out",
                 file=target,
             )
-    content = {
+    content: dict[str, Any] = {
         "benchmark": results.benchmark,
         "version": results.version or version("poseloom"),
         "data_digest": results.data_digest,
         "rows": [asdict(row) for row in results.rows],
     }
+    if results.sequences:
+        content["sequences"] = [asdict(sequence) for sequence in results.sequences]
     with atomic_file(target) as part:
         part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -112,7 +134,8 @@ def read_results(path: str | Path) -> Results:
     try:
         content = read_json(source, "a file of benchmark rows")
         rows = tuple(_row(entry) for entry in content["rows"])
-        return Results(str(content["benchmark"]), str(content["data_digest"]), rows, str(content["version"]))
+        sequences = tuple(SequenceFigures(**entry) for entry in content.get("sequences", ()))
+        return Results(str(content["benchmark"]), str(content["data_digest"]), rows, str(content["version"]), sequences)
     except (ValueError, TypeError, KeyError) as error:
         raise FormatError(
             "this is no file of benchmark rows", cause=f"{type(error).__name__}: {error}", file=source

@@ -8,7 +8,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats32
 from poseloom.errors import PoseloomError, unknown_name
-from poseloom.evaluation.cases import Case
+from poseloom.evaluation.cases import Case, TooShort
 from poseloom.library import MotionLibrary
 from poseloom.library.postures import postures
 from poseloom.library.takes import CopyCriteria, CopyFinder
@@ -18,6 +18,8 @@ from poseloom.skeleton.retarget import retarget
 
 _LEAST_WINDOWS = 1.1
 """Lengths of a compared window that a motion must have: windows are rounded to whole frames."""
+_MOST_PEOPLE = 8
+"""People of a library that an error names."""
 
 
 class Split(enum.StrEnum):
@@ -67,7 +69,8 @@ def left_out(
         progress: Told how many of how many are done.
 
     Raises:
-        PoseloomError: for a case of an unknown file that is too short to be compared.
+        TooShort: for a case of an unknown file that is too short to be compared.
+        PoseloomError: for a case of nobody knows whom, where all takes of a person are to be left out.
     """
     if split is Split.NONE:
         return tuple(LeftOut() for _ in cases)
@@ -81,6 +84,13 @@ def left_out(
         takes = set(takes_of_file.get(case.digest, ()))
         if finder is not None and not takes:
             takes = {finder.clips[index].take for index in finder.holders(_places(case, library), family=case.family)}
+        if split is Split.BY_SUBJECT and not takes and not case.subject:
+            raise PoseloomError(
+                f"nobody says who moves in {case.name!r}, so that no take of that person can be left out",
+                cause="the recording names no subject, and the library holds no copy of its movement",
+                remedy=f"Name the person with --subject, as the library does ({_people(library)}), "
+                "or choose --split by-sequence",
+            )
         found.append(_forbidden(library, takes, case.subject, split))
         if progress is not None:
             progress(done, len(cases))
@@ -94,13 +104,24 @@ def allowed_poses(library: MotionLibrary, forbidden: LeftOut) -> Bools[Array, "p
 
 def _places(case: Case, library: MotionLibrary) -> Floats32[Array, "poses coordinates"]:
     if case.truth.duration < _LEAST_WINDOWS * CopyCriteria().seconds:
-        raise PoseloomError(
+        raise TooShort(
             f"{case.name!r} is too short to tell whether the library holds it",
             cause=f"it lasts {case.truth.duration:.2f} s, and movement is compared over {CopyCriteria().seconds:g} s",
             remedy="Give the file that the library was built from, a longer motion, or --split none",
         )
     on_average = resample(retarget(case.truth, average_body()), library.rate)
     return postures(on_average.q.astype(np.float32))
+
+
+def findable(case: Case, library: MotionLibrary) -> bool:
+    """Whether it can be told which takes of a library a case belongs to."""
+    known = any(clip.digest == case.digest for clip in library.clips)
+    return known or case.truth.duration >= _LEAST_WINDOWS * CopyCriteria().seconds
+
+
+def _people(library: MotionLibrary) -> str:
+    people = sorted({clip.subject for clip in library.clips})
+    return ", ".join(people[:_MOST_PEOPLE]) + (" ..." if len(people) > _MOST_PEOPLE else "")
 
 
 def _forbidden(library: MotionLibrary, takes: set[str], subject: str, split: Split) -> LeftOut:

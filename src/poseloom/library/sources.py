@@ -16,7 +16,7 @@ from poseloom.formats.asf_amc import find_asf
 from poseloom.library.catalogue import SkipKind, Skipped
 from poseloom.library.naming import describe
 from poseloom.library.store import HEADER_FILE
-from poseloom.samples import sample_motions
+from poseloom.samples import SAMPLE_PREFIX, sample_motions
 
 SAMPLES = "samples"
 """The word that stands for the built-in sample motions where a file or folder could stand."""
@@ -139,6 +139,17 @@ def find_sources(given: Sequence[str | Path], selection: Selection) -> Found:
             remedy=f"Motion files end in {', '.join(sorted(motion_suffixes()))}",
         )
     return Found(tuple(kept), tuple(aside))
+
+
+def subject_of(clip: str) -> str:
+    """Who moves in a file or built-in motion (`sample:NAME`), as a library that holds it says.
+
+    Raises:
+        LibraryError: for a file that does not exist or is no motion.
+    """
+    if clip.startswith(SAMPLE_PREFIX):
+        return describe(f"{SAMPLES}/{clip.removeprefix(SAMPLE_PREFIX)}").subject
+    return find_sources([clip], Selection()).sources[0].subject
 
 
 def _samples() -> list[Source]:

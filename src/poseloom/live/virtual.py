@@ -4,11 +4,9 @@ from collections.abc import Sequence
 
 from poseloom.live.endless import endless_motion
 from poseloom.samples import read_clip
-from poseloom.sensors import Recording, SensorKind, SensorLayout
-from poseloom.skeleton.motion import Motion
+from poseloom.sensors import Recording, SensorLayout
 from poseloom.skeleton.retarget import retarget
-from poseloom.synthesis import Fault, merge_recordings, simulate_flex, simulate_imus, simulate_trackers
-from poseloom.synthesis.mixed import layout_of_kind
+from poseloom.synthesis import Fault, simulate_sensors
 
 
 def virtual_recording(
@@ -29,18 +27,4 @@ def virtual_recording(
     motion = retarget(read_clip(clip))
     if endless:
         motion = endless_motion(motion)
-    kinds = dict.fromkeys(sensor.kind for sensor in layout.sensors)
-    parts = [_part(motion, layout, kind, faults, seed) for kind in kinds]
-    for fault in faults:
-        layout.index(fault.sensor)
-    return parts[0] if len(parts) == 1 else merge_recordings(layout, parts)
-
-
-def _part(motion: Motion, layout: SensorLayout, kind: SensorKind, faults: Sequence[Fault], seed: int) -> Recording:
-    own = layout_of_kind(layout, kind)
-    simulate = {
-        SensorKind.TRACKER: simulate_trackers,
-        SensorKind.IMU: simulate_imus,
-        SensorKind.FLEX: simulate_flex,
-    }[kind]
-    return simulate(motion, own, faults=[fault for fault in faults if fault.sensor in own.names], seed=seed)
+    return simulate_sensors(motion, layout, faults=faults, seed=seed)

@@ -100,7 +100,7 @@ def default_method(layout: SensorLayout, library: Library | None = None, model: 
         FormatError: for a file that holds no model.
     """
     if model is not None:
-        return _method_of_model(Path(model))
+        return model_method(Path(model))
     if all(sensor.kind is SensorKind.TRACKER for sensor in layout.sensors):
         return WITHOUT_LIBRARY if library is None else DEFAULT_METHOD
     for name in fitting_methods(layout):
@@ -156,12 +156,13 @@ def method_name(method: Method) -> str:
 
 def _model_for(name: str, model: str | Path | None) -> str | Path | None:
     """The model's file if it is this method's; a session may go on with a method that travels with its own."""
-    if model is None or METHODS[name].shipped is None or _method_of_model(Path(model)) == name:
+    if model is None or METHODS[name].shipped is None or model_method(Path(model)) == name:
         return model
     return None
 
 
-def _method_of_model(file: Path) -> str:
+def model_method(file: Path) -> str:
+    """The name of the method that a fitted model's file is for. Raises FormatError, MethodError for other files."""
     kind, header = artefact_kind(file)
     name = str(header.get("method", kind))
     if name not in METHODS or METHODS[name].needs is not Needs.MODEL:

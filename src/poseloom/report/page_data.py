@@ -96,7 +96,8 @@ def _sequence(sequence: SequenceResult, names: Sequence[str], frames: int) -> di
 
 
 def _result(truth: Motion, result: MethodResult, method: int, frames: int) -> dict[str, Any]:
-    errors = _errors(truth_of(truth, result.samples), result.motion)
+    own = truth_of(truth, result.samples)
+    errors = _errors(own, result.pose_motion(own))
     packed: dict[str, Any] = {
         "method": method,
         "metrics": {name: value for name, value in result.metrics.items() if np.isfinite(value)},

@@ -20,6 +20,9 @@ CHANNEL_SHAPES: Mapping[str, tuple[int, ...]] = MappingProxyType(
 )
 """The channels of a sample in order, with the shape of one sensor's value."""
 
+SUBJECT = "subject"
+"""Key in a recording's settings of who moves, as motion libraries call them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:

@@ -5,7 +5,7 @@ from poseloom.synthesis.flex import bend_angles, simulate_flex
 from poseloom.synthesis.flex_readings import flex_counts
 from poseloom.synthesis.flex_sensors import IDEAL_FLEX, FlexBoard, FlexChannels, FlexSensors, Spread, draw_channels
 from poseloom.synthesis.imus import NO_IMU_NOISE, ImuNoise, simulate_imus
-from poseloom.synthesis.mixed import merge_recordings
+from poseloom.synthesis.mixed import merge_recordings, simulate_sensors
 from poseloom.synthesis.noise import NO_NOISE, TrackerNoise
 from poseloom.synthesis.trackers import simulate_trackers
 from poseloom.synthesis.wearing import true_placements
@@ -29,6 +29,7 @@ __all__ = [
     "parse_fault",
     "simulate_flex",
     "simulate_imus",
+    "simulate_sensors",
     "simulate_trackers",
     "true_placements",
 ]

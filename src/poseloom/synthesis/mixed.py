@@ -9,7 +9,47 @@ from poseloom.errors import SensorError
 from poseloom.formats.recording_header import placements_to_json
 from poseloom.sensors.layout import SensorKind, SensorLayout, make_layout
 from poseloom.sensors.recording import CHANNEL_SHAPES, Recording, make_recording
+from poseloom.skeleton.motion import Motion
+from poseloom.synthesis.faults import Fault
+from poseloom.synthesis.flex import simulate_flex
+from poseloom.synthesis.imus import simulate_imus
+from poseloom.synthesis.noise import TrackerNoise
+from poseloom.synthesis.trackers import simulate_trackers
 from poseloom.synthesis.wearing import TRUE_PLACEMENTS, true_placements
+
+
+def simulate_sensors(
+    motion: Motion,
+    layout: SensorLayout,
+    noise: TrackerNoise | None = None,
+    faults: Sequence[Fault] = (),
+    seed: int = 0,
+) -> Recording:
+    """What sensors of any kinds would say on a body that moves, each kind with its own simulator's usual errors.
+
+    Args:
+        motion: What the body does.
+        layout: The sensors.
+        noise: Errors of trackers, where others than the usual ones are wanted.
+        faults: What goes wrong in addition.
+        seed: Of all that is drawn.
+
+    Raises:
+        SensorError: for an unknown sensor or bone.
+    """
+    for fault in faults:
+        layout.index(fault.sensor)
+    parts: list[Recording] = []
+    for kind in dict.fromkeys(sensor.kind for sensor in layout.sensors):
+        own = layout_of_kind(layout, kind)
+        concerned = [fault for fault in faults if fault.sensor in own.names]
+        if kind is SensorKind.TRACKER:
+            parts.append(simulate_trackers(motion, own, noise or TrackerNoise(), concerned, seed))
+        elif kind is SensorKind.IMU:
+            parts.append(simulate_imus(motion, own, faults=concerned, seed=seed))
+        else:
+            parts.append(simulate_flex(motion, own, faults=concerned, seed=seed))
+    return parts[0] if len(parts) == 1 else merge_recordings(layout, parts)
 
 
 def layout_of_kind(layout: SensorLayout, kind: SensorKind) -> SensorLayout:
