@@ -14,12 +14,14 @@ if TYPE_CHECKING:
 
     from poseloom.evaluation.experiment import Evaluation
 
-_SHOWN = (
-    ("joint_angle_deg", "joint_rotation_deg", "global_rotation_deg", "sip_deg", "joint_position_cm"),
-    ("root_position_cm", "root_drift_per_metre", "jitter_deg_s3", "foot_skate_cm_s"),
-    ("look_ahead_ms", "step_ms_p50", "step_ms_p99"),
-)
-"""Metrics of each block: of poses, of the path, of time."""
+_SHOWN = {
+    "poses: joint angle, rotations, joint position": (
+        *("joint_angle_deg", "joint_rotation_deg", "global_rotation_deg", "sip_deg", "joint_position_cm"),
+    ),
+    "path and smoothness": ("root_position_cm", "root_drift_per_metre", "jitter_deg_s3", "foot_skate_cm_s"),
+    "time": ("look_ahead_ms", "step_ms_p50", "step_ms_p99"),
+}
+"""Metrics of each block, by its title."""
 _HEADING = 10
 """Letters of a heading's line."""
 _THOUSANDS = 5000
@@ -128,8 +130,9 @@ def print_evaluation(evaluation: "Evaluation", console: "Console") -> None:
     """The main figures of an evaluation for the terminal, under the facts of what they are of."""
     for name, value in evaluation.facts().items():
         console.print(f"{name}: {value}", highlight=False)
-    for metrics in _SHOWN:
+    for title, metrics in _SHOWN.items():
         table = _figures_table(evaluation, metrics)
+        table.title, table.title_justify, table.title_style = title, "left", ""
         if table.columns[1:]:
             console.print(table)
     count = len(evaluation.sequences)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from poseloom.errors import PoseloomError, unknown_name
 from poseloom.evaluation.cases import (
@@ -123,7 +123,7 @@ def _listed(methods: Method | Iterable[Method] | None) -> list[Method]:
 def _models(models: Iterable[str | Path] | Mapping[str, str | Path]) -> dict[str, Path]:
     """Files by name of their method; `METHOD=FILE` names one that the file leaves open."""
     if isinstance(models, Mapping):
-        return {str(name): Path(str(file)) for name, file in models.items()}
+        return {name: Path(file) for name, file in cast("Mapping[str, str | Path]", models).items()}
     found: dict[str, Path] = {}
     for text in models:
         name, equals, file = str(text).partition("=")
