@@ -1,6 +1,8 @@
 """BVH: any channel order, exact round trips, units told from the body's size, and errors that name the line."""
 
 import random
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -364,6 +366,22 @@ def test_very_deep_and_wide_hierarchies(tmp_path):
     channels = [["Zrotation"]] * 2000
     text = chain_text(channels, np.ones((2000, 3)), np.ones((1, 2000)))
     assert len(read_bvh(save(tmp_path, text)).skeleton) == 2000
+
+
+def test_twenty_thousand_nested_joints_are_read_in_two_seconds(tmp_path):
+    """Of this work's own time, whatever else the machine does, and without the checks of types that tests add."""
+    count = 20_000
+    channels = [["Zrotation", "Xrotation", "Yrotation"]] * count
+    deep = save(tmp_path, chain_text(channels, np.full((count, 3), 0.1), np.ones((2, 3 * count))), "deep.bvh")
+    script = (
+        "import sys, time; from pathlib import Path; from poseloom.formats.bvh import read_bvh; "
+        "read_bvh(Path(sys.argv[1])); begin = time.process_time(); size = len(read_bvh(Path(sys.argv[2])).skeleton); "
+        "print(size, time.process_time() - begin)"
+    )
+    command = [sys.executable, "-c", script, str(save(tmp_path, SMALL)), str(deep)]
+    joints, seconds = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert int(joints) == count
+    assert float(seconds) < 2
 
 
 def test_writing_is_whole_or_not_at_all(tmp_path):

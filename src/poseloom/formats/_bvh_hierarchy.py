@@ -1,5 +1,6 @@
 """The first half of a BVH file: its hierarchy of joints and their channels."""
 
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ from poseloom.arrays import Array, Floats, Ints
 from poseloom.errors import FormatError
 
 _TOKEN = re.compile(r"[{}]|[^\s{}]+")
-_KEYWORDS = ("ROOT", "JOINT", "END", "OFFSET", "CHANNELS")
+_KEYWORDS = frozenset(("HIERARCHY", "ROOT", "JOINT", "END", "OFFSET", "CHANNELS"))
 CHANNELS = ("Xposition", "Yposition", "Zposition", "Xrotation", "Yrotation", "Zrotation")
 """Channel names; the first three are positions, and each three are in the order of the axes."""
 _CODES = {name.lower(): code for code, name in enumerate(CHANNELS)}
@@ -67,9 +68,7 @@ class _Parser:
     def __init__(self, text: str, path: Path) -> None:
         self._path = path
         self._tokens = [
-            (match.group(), line)
-            for line, content in enumerate(text.split("\n"), start=1)
-            for match in _TOKEN.finditer(content)
+            (token, line) for line, content in enumerate(text.split("\n"), start=1) for token in _TOKEN.findall(content)
         ]
         self._next = 0
         self._joints: list[BvhJoint] = []
@@ -125,14 +124,18 @@ class _Parser:
 
     def _take(self, wanted: str) -> str:
         """The next token, keywords in capitals."""
+        token = self._raw(wanted)
+        capitals = token.upper()
+        return capitals if capitals in _KEYWORDS else token
+
+    def _raw(self, wanted: str) -> str:
+        """The next token as it stands there."""
         if self._next >= len(self._tokens):
             self._fail(
                 f"the hierarchy ends where {wanted} should come", cause="the file is cut off or a brace is missing"
             )
-        token = self._tokens[self._next][0]
         self._next += 1
-        capitals = token.upper()
-        return capitals if capitals in (*_KEYWORDS, "HIERARCHY") else token
+        return self._tokens[self._next - 1][0]
 
     def _name(self, keyword: str) -> str:
         """What stands between a keyword and its brace; names may hold blanks."""
@@ -145,10 +148,6 @@ class _Parser:
             self._fail(f"{keyword} has no name")
         return " ".join(words)
 
-    def _raw(self, wanted: str) -> str:
-        self._take(wanted)
-        return self._tokens[self._next - 1][0]
-
     def _end_site(self) -> Floats[Array, "3"]:
         self._name("END")
         if self._take("OFFSET") != "OFFSET":
@@ -159,16 +158,16 @@ class _Parser:
         return tip
 
     def _vector(self) -> Floats[Array, "3"]:
-        values = np.empty(3)
-        for axis in range(3):
+        values: list[float] = []
+        for _ in range(3):
             word = self._raw("a number")
             try:
-                values[axis] = float(word)
+                values.append(float(word))
             except ValueError:
-                self._fail(f"OFFSET needs three numbers, but {word!r} is none")
-        if not np.isfinite(values).all():
+                self._fail(f"OFFSET needs three numbers, but {word[:40]!r} is none")
+        if not all(map(math.isfinite, values)):
             self._fail("an OFFSET is not finite")
-        return values
+        return np.array(values)
 
     def _channels(self, joint: BvhJoint) -> list[int]:
         word = self._raw("the number of channels")
