@@ -1,7 +1,7 @@
 """How the body lies in a source skeleton: which joints its bones follow, how their frames turn, how long they are."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +9,10 @@ import numpy as np
 from poseloom.arrays import Array, Floats, Ints
 from poseloom.rotations import aligning_matrix, matrix_from_rotvec
 from poseloom.skeleton._family import Family, plain_name
+from poseloom.skeleton._rest_pose import choose_rest, rest_positions
 from poseloom.skeleton.body import BODY_BONES, average_body
+from poseloom.skeleton.kinematics import BoneFrames
+from poseloom.skeleton.motion import RestChoice
 from poseloom.skeleton.skeleton import Skeleton
 
 _SIDES = ("left", "right")
@@ -58,6 +61,8 @@ class Alignment:
         aims: For bones whose far end is not fixed to that joint, the source joints where they begin and end; -1 for all
             others.
         ideals: The direction of each bone in its own frame.
+        origin: Where the pose that is laid over the T-pose comes from: "zero pose", "family" or "motion".
+        unsure: Body bones whose turn about themselves is a guess.
     """
 
     turns: Ints[Array, "bones"]
@@ -66,6 +71,8 @@ class Alignment:
     skeleton: Skeleton
     aims: Ints[Array, "bones 2"]
     ideals: Floats[Array, "bones 3"]
+    origin: str
+    unsure: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,21 +110,38 @@ class _Rest:
         return None
 
 
-def align(source: Skeleton, family: Family) -> Alignment:
-    """Lays the body into a source skeleton of a family that fits."""
-    rest = _rest(source, family)
-    facing = _facing(rest)
+def align(source: Skeleton, family: Family, frames: BoneFrames | None = None, choice: RestChoice = "auto") -> Alignment:
+    """Lays the body into a source skeleton of a family that fits.
+
+    Args:
+        source: The skeleton.
+        family: Its family.
+        frames: Its motion, which decides whether the zero pose can be believed; None if it has none.
+        choice: Where the rest pose comes from (`choose_rest`).
+
+    Raises:
+        RetargetError: if neither the zero pose nor the motion tells how bones are turned.
+    """
+    # Where names double once their prefixes are gone, the joint nearer to the root counts.
+    index = {plain_name(name): joint for joint, name in reversed(list(enumerate(source.names)))}
+    pose = choose_rest(source, family, index, frames, choice)
+    if pose.origin == "motion":  # how elbows bend is in it
+        family = replace(family, rolls={})
+    rest = _Rest(source, family, index, pose.rotations, rest_positions(source, pose.rotations))
+    facing = _facing(rest) if pose.facing is None else pose.facing
     starts = _starts(rest, facing)
-    frames = _bone_frames(rest, starts, facing)
+    frames_at_rest = _bone_frames(rest, starts, facing)
     turns = _turns(rest)
-    R_world_bone = np.stack([frames[bone] for bone in BODY_BONES])
+    R_world_bone = np.stack([frames_at_rest[bone] for bone in BODY_BONES])
     return Alignment(
         turns=turns,
         R_turn_bone=np.swapaxes(rest.rotations[turns], 1, 2) @ R_world_bone,
         root=rest.index[family.start("hips")],
-        skeleton=_sized_body(rest, starts, frames),
+        skeleton=_sized_body(rest, starts, frames_at_rest),
         aims=_aims(rest, turns),
         ideals=np.stack([_ideal(bone) for bone in BODY_BONES]),
+        origin=pose.origin,
+        unsure=pose.unsure,
     )
 
 
@@ -125,26 +149,6 @@ def leg_length(skeleton: Skeleton) -> float:
     """Thigh plus shank of a body, metres, the mean of both sides."""
     bones = [skeleton.index(f"{side}{bone}") for side in _SIDES for bone in ("LowerLeg", "Foot")]
     return float(np.linalg.norm(skeleton.offsets[bones], axis=1).sum() / 2)
-
-
-def _rest(source: Skeleton, family: Family) -> _Rest:
-    # Where names double once their prefixes are gone, the joint nearer to the root counts.
-    index = {plain_name(name): joint for joint, name in reversed(list(enumerate(source.names)))}
-    rotations = np.tile(np.eye(3), (len(source), 1, 1))
-    for name, axes in family.frames.items():
-        if name in index:
-            rotations[index[name]] = _axes_matrix(axes)
-    positions = np.zeros((len(source), 3))
-    for joint in range(1, len(source)):
-        parent = source.parents[joint]
-        positions[joint] = positions[parent] + rotations[parent] @ source.offsets[joint]
-    return _Rest(source, family, index, rotations, positions)
-
-
-def _axes_matrix(axes: str) -> Floats[Array, "3 3"]:
-    """The rotation whose x, y and z axes point as in "+Y -X +Z"."""
-    columns = [(1.0 if axis[0] == "+" else -1.0) * np.eye(3)["XYZ".index(axis[1])] for axis in axes.split()]
-    return np.stack(columns, axis=1)
 
 
 def _facing(rest: _Rest) -> Floats[Array, "3 3"]:

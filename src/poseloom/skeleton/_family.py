@@ -1,5 +1,6 @@
 """A way of naming and resting a skeleton's joints, and how its map to the body is written down."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -27,6 +28,8 @@ class Family:
         loose_forearms: True if its recordings put any twist into the forearms of straight arms (`share_arm_twist`).
         lost_segment: True if the segment from `upperChest` to neck and shoulders has length zero by a known fault of
             the family's conversion and is to be restored.
+        pelvis_deg: By which angle the hip joints lie in front of the plumb line through the hips' joint, in degrees, if
+            all of the family's files have the same kind of pelvis.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Family:
     left_arm: str = ""
     loose_forearms: bool = False
     lost_segment: bool = False
+    pelvis_deg: float | None = None
 
     def start(self, bone: str) -> str:
         """The source joint where a body bone begins; empty if the family has none."""
@@ -81,10 +85,15 @@ def both_sides(sides: Mapping[str, str], **bones: Source) -> dict[str, Source]:
     return {bone: whole[bone] for bone in BODY_BONES if bone in whole}
 
 
+_PREFIX = re.compile(r"(?:mixamorig\d*[_:]?|Character\d+_|(?:ValveBiped\.)?Bip\d+[ _]|J_Bip_)(?=.)")
+
+
 def plain_name(name: str) -> str:
-    """A joint's name without namespace or Mixamo's prefix: `mixamorig:Hips`, `mixamorigHips`, `a:Hips` are `Hips`."""
+    """A joint's name without namespace or its program's prefix: `mixamorig:Hips`, `a:Hips`, `Character1_Hips` are
+    `Hips`, and `Bip01_L_Thigh` is `L Thigh`."""
     bare = name.rsplit(":", 1)[-1]
-    for prefix in ("mixamorig_", "mixamorig"):
-        if bare.startswith(prefix) and len(bare) > len(prefix):
-            return bare[len(prefix) :]
-    return bare
+    found = _PREFIX.match(bare)
+    if found is None:
+        return bare
+    rest = bare[found.end() :]
+    return rest.replace("_", " ") if "Bip" in found.group() else rest

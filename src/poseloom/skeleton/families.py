@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from poseloom.errors import RetargetError
-from poseloom.skeleton._family import Family, both_sides, plain_name
+from poseloom.skeleton._family import Family, Source, both_sides, plain_name
 from poseloom.skeleton.body import BODY_BONES
 from poseloom.skeleton.skeleton import Skeleton
 
@@ -20,6 +20,9 @@ __all__ = ["FAMILIES", "Family", "plain_name", "recognise"]
 _TOES = frozenset({"leftToes", "rightToes"})
 _ELBOW_ROLL = {"leftUpperArm": -30.0, "rightUpperArm": -30.0}
 """In CMU's model the elbow's axis is rolled: a straight arm in the T-pose bends forward and 30 degrees up."""
+
+_CMU_PELVIS = 23.0
+"""Mean over 161 of CMU's and HDM05's recordings, 22.5 +- 3.5 degrees."""
 
 CMU_ASF = Family(
     "CMU ASF/AMC (also HDM05)",
@@ -43,6 +46,7 @@ CMU_ASF = Family(
     rolls=_ELBOW_ROLL,
     left_arm="+X",
     loose_forearms=True,
+    pelvis_deg=_CMU_PELVIS,
 )
 """Acclaim files of CMU's and HDM05's Vicon BodyBuilder model. `lwrist` rolls the forearm, `lhand` bends the wrist."""
 
@@ -92,6 +96,7 @@ CMU_BVH = Family(
     ),
     rolls=_ELBOW_ROLL,
     loose_forearms=True,
+    pelvis_deg=_CMU_PELVIS,
     lost_segment=True,
 )
 """`LeftHand` is the ASF's `lwrist`; two segments of length zero have lost the thorax and the wrist."""
@@ -117,6 +122,7 @@ CMU_BVH_MAX = Family(
     ),
     rolls=_ELBOW_ROLL,
     loose_forearms=True,
+    pelvis_deg=_CMU_PELVIS,
     lost_segment=True,
 )
 """The same conversion with other names and hanging arms at rest."""
@@ -145,28 +151,143 @@ CMU_BVH_DAZ = Family(
 """CMU's motions on a figure of fixed size with two joints in the trunk; the foot's end site is where toes begin. The
 head has no direction in the file; against the ASF of the same take (11_01) it is pitched by 17.7 +- 0.8 degrees."""
 
+
+def _trunk(*joints: str) -> dict[str, Source]:
+    """Which of so many trunk joints stand for the body's three; the last one carries neck and shoulders."""
+    if len(joints) < 3:
+        return dict(zip(("spine", "upperChest")[-len(joints) :], joints, strict=True))
+    return {"spine": joints[0], "chest": joints[(len(joints) - 1) // 2], "upperChest": joints[-1]}
+
+
+_MOTIONBUILDER: dict[str, Source] = {
+    "neck": "Neck",
+    "head": "Head",
+    "leftShoulder": "LeftShoulder",
+    "leftUpperArm": "LeftArm",
+    "leftLowerArm": "LeftForeArm",
+    "leftHand": "LeftHand",
+    "leftUpperLeg": "LeftUpLeg",
+    "leftLowerLeg": "LeftLeg",
+    "leftFoot": "LeftFoot",
+    "leftToes": "LeftToeBase",
+}
+_MIDDLE_FINGERS = {"head": "HeadTop_End", "leftHand": "LeftHandMiddle1", "rightHand": "RightHandMiddle1"}
+
 MIXAMO = Family(
     "Mixamo",
+    both_sides({"Left": "Right"}, hips="Hips", **_trunk("Spine", "Spine1", "Spine2"), **_MOTIONBUILDER),
+    optional=_TOES,
+    ends=_MIDDLE_FINGERS,
+)
+"""Also MotionBuilder's own names (`Character1_...`)."""
+
+MOTIONBUILDER: tuple[Family, ...] = tuple(
+    replace(
+        MIXAMO,
+        name=f"MotionBuilder with {len(trunk)} trunk joint{'s' if len(trunk) > 1 else ''}",
+        bones=both_sides({"Left": "Right"}, hips="Hips", **_trunk(*trunk), **_MOTIONBUILDER),
+    )
+    for trunk in (
+        ("Spine", "Spine1", "Spine2", "Spine3", "Spine4"),
+        ("Spine", "Spine1", "Spine2", "Spine3"),
+        ("Spine", "Spine1"),
+        ("Spine",),
+    )
+)
+
+LAFAN1 = replace(
+    MIXAMO,
+    name="LAFAN1",
+    bones={
+        bone: {"leftToes": "LeftToe", "rightToes": "RightToe"}.get(bone, joint) for bone, joint in MIXAMO.bones.items()
+    },
+    optional=frozenset(),
+)
+
+ROKOKO = Family(
+    "Rokoko",
     both_sides(
         {"Left": "Right"},
         hips="Hips",
-        spine="Spine",
-        chest="Spine1",
-        upperChest="Spine2",
-        neck="Neck",
-        head="Head",
-        leftShoulder="LeftShoulder",
-        leftUpperArm="LeftArm",
-        leftLowerArm="LeftForeArm",
-        leftHand="LeftHand",
-        leftUpperLeg="LeftUpLeg",
-        leftLowerLeg="LeftLeg",
-        leftFoot="LeftFoot",
-        leftToes="LeftToeBase",
+        **_trunk("Spine1", "Spine2", "Spine3", "Spine4"),
+        **{**_MOTIONBUILDER, "leftUpperLeg": "LeftThigh", "leftLowerLeg": "LeftShin", "leftToes": "LeftToe"},
     ),
     optional=_TOES,
-    ends={"head": "HeadTop_End", "leftHand": "LeftHandMiddle1", "rightHand": "RightHandMiddle1"},
 )
+
+_BIPED: dict[str, Source] = {
+    "neck": "Neck",
+    "head": "Head",
+    "leftShoulder": "L Clavicle",
+    "leftUpperArm": "L UpperArm",
+    "leftLowerArm": "L Forearm",
+    "leftHand": "L Hand",
+    "leftUpperLeg": "L Thigh",
+    "leftLowerLeg": "L Calf",
+    "leftFoot": "L Foot",
+    "leftToes": "L Toe0",
+}
+BIPED: tuple[Family, ...] = tuple(
+    Family(
+        f"3ds Max biped with {count} trunk joint{'s' if count > 1 else ''}",
+        both_sides({"L ": "R "}, hips="Pelvis", **_trunk(*("Spine", "Spine1", "Spine2", "Spine3")[:count]), **_BIPED),
+        optional=_TOES,
+        ends={"leftHand": "L Finger2", "rightHand": "R Finger2"},
+    )
+    for count in (4, 3, 2, 1)
+)
+"""`Bip01 L Thigh`, `Bip001_L_Thigh` and the like."""
+
+MOCOPI = Family(
+    "mocopi",
+    both_sides(
+        {"l_": "r_"},
+        hips="root",
+        **_trunk("torso_1", "torso_2", "torso_3", "torso_4", "torso_5", "torso_6", "torso_7"),
+        neck="neck_1",
+        head="head",
+        leftShoulder="l_shoulder",
+        leftUpperArm="l_up_arm",
+        leftLowerArm="l_low_arm",
+        leftHand="l_hand",
+        leftUpperLeg="l_up_leg",
+        leftLowerLeg="l_low_leg",
+        leftFoot="l_foot",
+        leftToes="l_toes",
+    ),
+    optional=_TOES,
+)
+
+_SLIMEVR_ARM = ("UPPER_SHOULDER", "SHOULDER", "UPPER_ARM", "LOWER_ARM", "HAND", "HIP")
+SLIMEVR = Family(
+    "SlimeVR",
+    both_sides(
+        {"LEFT": "RIGHT"},
+        hips=("LEFT_HIP", "HIP"),
+        spine=("HIP", "WAIST"),
+        chest=("WAIST", "CHEST"),
+        upperChest=("CHEST", "UPPER_CHEST"),
+        neck=("UPPER_CHEST", "NECK"),
+        head=("NECK", "HEAD"),
+        leftShoulder=("LEFT_UPPER_SHOULDER", "LEFT_SHOULDER"),
+        leftUpperArm="LEFT_UPPER_ARM",
+        leftLowerArm="LEFT_LOWER_ARM",
+        leftHand="LEFT_HAND",
+        leftUpperLeg="LEFT_UPPER_LEG",
+        leftLowerLeg="LEFT_LOWER_LEG",
+        leftFoot="LEFT_FOOT",
+    ),
+    optional=frozenset({"leftHand", "rightHand", "upperChest"}),
+    ends={"head": "HEAD"},
+    frames={
+        **{f"LEFT_{joint}": "+Y -X +Z" for joint in _SLIMEVR_ARM},
+        **{f"RIGHT_{joint}": "-Y +X +Z" for joint in _SLIMEVR_ARM},
+        "LEFT_FOOT": "+X -Z +Y",
+        "RIGHT_FOOT": "+X -Z +Y",
+    },
+)
+"""The head is the root, the trunk hangs from it, and every bone lies along its joint's -Y axis: a trunk bone of the
+body begins where the joint below begins and turns with the one above."""
 
 XSENS = Family(
     "Xsens MVN BVH",
@@ -256,6 +377,35 @@ BODY = Family(
     ends={"leftHand": "leftMiddleProximal", "rightHand": "rightMiddleProximal"},
 )
 
+UNITY = replace(
+    BODY,
+    name="Unity humanoid",
+    bones={bone: bone[0].upper() + bone[1:] for bone in BODY_BONES},
+    ends={"leftHand": "LeftMiddleProximal", "rightHand": "RightMiddleProximal"},
+)
+
+VROID = Family(
+    "VRoid",
+    both_sides(
+        {"L ": "R "},
+        hips="C Hips",
+        **_trunk("C Spine", "C Chest", "C UpperChest"),
+        neck="C Neck",
+        head="C Head",
+        leftShoulder="L Shoulder",
+        leftUpperArm="L UpperArm",
+        leftLowerArm="L LowerArm",
+        leftHand="L Hand",
+        leftUpperLeg="L UpperLeg",
+        leftLowerLeg="L LowerLeg",
+        leftFoot="L Foot",
+        leftToes="L ToeBase",
+    ),
+    optional=_TOES,
+    ends={"leftHand": "L Middle1", "rightHand": "R Middle1"},
+)
+"""`J_Bip_L_UpperArm` and the like."""
+
 FAMILIES: tuple[Family, ...] = (
     BODY,
     CMU_ASF,
@@ -263,10 +413,19 @@ FAMILIES: tuple[Family, ...] = (
     CMU_BVH,
     CMU_BVH_MAX,
     CMU_BVH_DAZ,
+    *MOTIONBUILDER[:2],
+    LAFAN1,
     MIXAMO,
+    ROKOKO,
     XSENS,
     BANDAI,
     DEEPMIMIC,
+    UNITY,
+    VROID,
+    *BIPED,
+    MOCOPI,
+    SLIMEVR,
+    *MOTIONBUILDER[2:],
 )
 """All families; the first that fits is taken."""
 
@@ -279,16 +438,15 @@ def recognise(skeleton: Skeleton) -> Family:
             the families.
     """
     names = [plain_name(name) for name in skeleton.names]
-    for family in FAMILIES:
-        if not family.missing(names) and _rests(skeleton, names, family):
-            return family
+    fitting = [family for family in FAMILIES if not family.missing(names)]
+    if fitting:
+        return next((family for family in fitting if _rests(skeleton, names, family)), fitting[0])
     nearest = min(FAMILIES, key=lambda family: len(family.missing(names)) / len(family.bones))
     lacking = nearest.missing(names)
     unmapped = ", ".join(nearest.unknown(names)) or "none"
     raise RetargetError(
         f"the skeleton's joint names belong to no known family; unmapped: {unmapped}",
-        cause=f"the nearest family, {nearest.name}, "
-        + (f"also needs: {', '.join(lacking)}" if lacking else "rests its arms in another direction"),
+        cause=f"the nearest family, {nearest.name}, also needs: {', '.join(lacking)}",
         remedy="Rename the joints after one of the families: " + "; ".join(family.name for family in FAMILIES),
     )
 

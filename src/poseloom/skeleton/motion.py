@@ -1,6 +1,7 @@
 """A pose and a motion of a skeleton, as pose vectors."""
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,36 @@ class Pose:
     q: Floats[Array, "dofs"]
 
 
+RestChoice = Literal["auto", "zero", "motion"]
+"""Which pose of a motion's skeleton is laid over the body's T-pose: "zero" is its zero pose, "motion" one guessed from
+its movement, "auto" the zero pose where a body could take it, else the other where it is certain."""
+
+
+@dataclass(frozen=True)
+class FileConventions:
+    """How the numbers of a motion's file were understood, and what its user said about them.
+
+    Attributes:
+        metres_per_unit: The file's unit of length.
+        unit_origin: "stated" by the file or its format, "guessed" from the body's size, or "given" by the user.
+        up: The file's axis that points up: x, y, z, or one of them with a minus.
+        up_origin: "stated", "guessed" from rest pose and motion, or "given".
+        stature: About how tall the body is in this unit, metres, from its limbs; None where they are not known.
+        rest: Which rest pose the user wants (`RestChoice`).
+        rest_origin: Which one was taken, once the motion is on the body; empty before.
+        unsure: Body bones whose turn about themselves is a guess.
+    """
+
+    metres_per_unit: float
+    unit_origin: str
+    up: str
+    up_origin: str
+    stature: float | None = None
+    rest: RestChoice = "auto"
+    rest_origin: str = ""
+    unsure: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Poses of one skeleton at a constant rate. Make one with `make_motion`, which checks.
@@ -35,6 +66,7 @@ class Motion:
         name: What it is called: the file's stem, or the clip's name.
         displacements: Metres by which joints are moved from their rest offsets, in the parent's frame, for files whose
             joints translate; None where all joints stay (always so on the body).
+        conventions: How its file was understood; None for motions that come from none.
     """
 
     skeleton: Skeleton
@@ -42,6 +74,7 @@ class Motion:
     rate: float
     name: str = ""
     displacements: Floats[Array, "frames joints 3"] | None = field(default=None)
+    conventions: FileConventions | None = None
 
     def __len__(self) -> int:
         return len(self.q)
