@@ -1,13 +1,14 @@
 """BVH (Biovision hierarchy): a skeleton and its motion in one text file.
 
-The format states neither its unit of length nor what a joint's position channels mean. Here: the unit is told from the
-size of the skeleton (`guess_metres_per_unit`); a position channel replaces the joint's OFFSET on its axis, as it does
+The format states neither its unit of length, nor its up axis, nor what a joint's position channels mean. Here: unit and
+axis are told from the body and its poses (`formats.conventions`); a position channel replaces the joint's OFFSET on its axis, as it does
 in Blender and in every file we know, among them some whose root has both. Rotations are the product of the turns in
-the order of the channels, left to right, in degrees. Y is up.
+the order of the channels, left to right, in degrees.
 """
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,38 +19,35 @@ from poseloom.formats import _bvh_hierarchy as hierarchy
 from poseloom.formats._bvh_hierarchy import BvhJoint
 from poseloom.formats._bvh_writing import write_bvh
 from poseloom.formats._files import decode, read_bytes
+from poseloom.formats._dialects import plain_numbers, utf8
 from poseloom.formats._numbers import Tokens, scan
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices, check_rate, settle
 from poseloom.rotations import rotvec_series_from_euler
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import make_skeleton
 
-__all__ = ["guess_metres_per_unit", "read_bvh", "write_bvh"]
+__all__ = ["read_bvh", "write_bvh"]
 
 _MOTION = re.compile(rb"^[ \t]*MOTION[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
 _FRAMES = re.compile(rb"^Frames\s*:?\s*(\S+)$", re.IGNORECASE)
 _FRAME_TIME = re.compile(rb"^Frame\s+Time\s*:?\s*(\S+)$", re.IGNORECASE)
 
-_REACH = 1.05
-"""Metres from an adult's root along the bones to the farthest joint: down a leg, or up the trunk and out an arm."""
-_UNITS = {1.0: 2.8, 0.01: 2.8, 0.001: 2.8, 0.0254 / 0.45: 1.6, 0.0254: 1.6}
-"""Units in use (metres, centimetres, millimetres, CMU's 0.45 scaled inches, inches), and by which factor a skeleton may
-be larger or smaller than an adult to be taken for one in that unit: a toddler or a toy is likelier in a metric one."""
 
-
-def read_bvh(path: Path, metres_per_unit: float | None = None) -> Motion:
-    """A BVH file as a motion in metres.
+def read_bvh(path: Path, metres_per_unit: float | None = None, choices: MotionChoices = NOTHING_SAID) -> Motion:
+    """A BVH file as a motion in metres, Y up.
 
     Args:
         path: The file.
-        metres_per_unit: The file's unit of length; guessed from the skeleton's size where it is None.
+        metres_per_unit: The file's unit of length; guessed from the body's size where it is None.
+        choices: What else the user says of the file.
 
     Raises:
         FormatError: with the line, for a file that is not BVH, is cut off, or holds values that are no numbers.
         SkeletonError: for joints that share a name.
     """
-    if metres_per_unit is not None and not (math.isfinite(metres_per_unit) and metres_per_unit > 0):
-        raise FormatError(f"the unit of length is {metres_per_unit:g} m", remedy="Give a positive number", file=path)
-    content = read_bytes(path)
+    if metres_per_unit is not None:
+        choices = replace(choices, metres_per_unit=metres_per_unit)
+    content = plain_numbers(utf8(read_bytes(path)))
     if b"\n" not in content:
         content = content.replace(b"\r", b"\n")
     mark = _MOTION.search(content)
@@ -70,34 +68,17 @@ def read_bvh(path: Path, metres_per_unit: float | None = None) -> Motion:
     if columns == 0:
         raise FormatError("no joint has any channels, so nothing moves", remedy="Export it with its motion", file=path)
     line = content.count(b"\n", 0, mark.start()) + 2
-    frames, rate, body, line = _motion_header(content, mark.end() + 1, line, path)
+    frames, rate, body, line = _motion_header(content, mark.end() + 1, line, path, choices)
     values = _values(scan(body, line), frames, columns, line, path)
-    scale = guess_metres_per_unit(joints) if metres_per_unit is None else metres_per_unit
     try:
-        return _motion(joints, values, rate, scale, path.stem)
+        return settle(_motion(joints, values, rate, path.stem), path, choices)
     except PoseloomError as error:
         raise error.at(path) from None
 
 
-def guess_metres_per_unit(joints: list[BvhJoint]) -> float:
-    """The unit of length in which a hierarchy is as large as a person; centimetres where it is so in none.
-
-    The measure is the longest way along the bones, which no rest pose changes. Of the units in use the one that brings
-    it nearest to an adult's is taken; people of 1.2 m and more are told right in any.
-    """
-    reach = np.zeros(len(joints))
-    for index, (joint, place) in enumerate(zip(joints, _places(joints), strict=True)):
-        if not place:
-            reach[index] = reach[joint.parent] + np.linalg.norm(_offset(joint))
-    longest = float(reach.max())
-    if longest <= 0:
-        return 0.01
-    misfits = {unit: abs(math.log(longest * unit / _REACH)) for unit in _UNITS}
-    fitting = [unit for unit, misfit in misfits.items() if misfit < math.log(_UNITS[unit])]
-    return min(fitting, key=lambda unit: misfits[unit], default=0.01)
-
-
-def _motion_header(content: bytes, start: int, line: int, path: Path) -> tuple[int, float, bytes, int]:
+def _motion_header(
+    content: bytes, start: int, line: int, path: Path, choices: MotionChoices
+) -> tuple[int, float, bytes, int]:
     """Number of frames, rate, the text of the values, and the line they begin in."""
     found: list[bytes] = []
     for pattern, name in ((_FRAMES, "Frames:"), (_FRAME_TIME, "Frame Time:")):
@@ -122,15 +103,17 @@ def _motion_header(content: bytes, start: int, line: int, path: Path) -> tuple[i
         raise FormatError(
             f"the number of frames is {frames_text[:40]!r}", remedy="Give at least one frame", file=path, line=line - 2
         )
-    return int(frames_text), _rate(time_text, path, line - 1), content[start:], line
+    return int(frames_text), _rate(time_text, path, line - 1, choices), content[start:], line
 
 
-def _rate(text: str, path: Path, line: int) -> float:
+def _rate(text: str, path: Path, line: int, choices: MotionChoices) -> float:
     """Frames a second from a frame time as it stands in the file.
 
     Frame times are rounded: where the time of a whole number of frames a second rounds to the same figures, the rate is
     that number.
     """
+    if choices.rate is not None:
+        return check_rate(choices.rate, path, choices)
     try:
         time = float(text)
     except ValueError:
@@ -145,7 +128,8 @@ def _rate(text: str, path: Path, line: int) -> float:
     rate = 1 / time
     whole = max(round(rate), 1)
     figures = len(text.partition(".")[2]) if text.replace(".", "", 1).isdigit() else 17
-    return float(whole) if abs(1 / whole - time) <= 0.5 * 10.0**-figures + 1e-16 else rate
+    rounded = abs(1 / whole - time) <= 0.5 * 10.0**-figures + 1e-16
+    return check_rate(float(whole) if rounded else rate, path, choices, line)
 
 
 def _values(tokens: Tokens, frames: int, columns: int, first_line: int, path: Path) -> Floats[Array, "frames columns"]:
@@ -200,13 +184,12 @@ def _places(joints: list[BvhJoint]) -> list[bool]:
     return places
 
 
-def _motion(
-    joints: list[BvhJoint], values: Floats[Array, "frames columns"], rate: float, scale: float, name: str
-) -> Motion:
+def _motion(joints: list[BvhJoint], values: Floats[Array, "frames columns"], rate: float, name: str) -> Motion:
+    """The motion in the file's own unit and axes."""
     places = zip(joints, _places(joints), strict=True)
     offsets = np.stack([np.zeros(3) if place else _offset(joint) for joint, place in places])
-    tips = {joint.name: joint.tip * scale for joint in joints if joint.tip is not None and joint.tip.any()}
-    skeleton = make_skeleton([j.name for j in joints], [j.parent for j in joints], offsets * scale, tips)
+    tips = {joint.name: joint.tip for joint in joints if joint.tip is not None and joint.tip.any()}
+    skeleton = make_skeleton([j.name for j in joints], [j.parent for j in joints], offsets, tips)
     columns, axes = hierarchy.rotation_columns(joints)
     q = np.empty((len(values), skeleton.size))
     angles = np.deg2rad(values)[:, np.maximum(columns, 0)]
@@ -219,7 +202,6 @@ def _motion(
             axis = joint.channels[place]
             moves[:, index, axis] = values[:, first + place] - offsets[index, axis]
         first += len(joint.channels)
-    moves *= scale
     q[:, :3] = moves[:, 0]
     moves[:, 0] = 0.0
     return make_motion(skeleton, q, rate, name, moves if moves.any() else None)

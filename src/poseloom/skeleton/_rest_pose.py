@@ -71,7 +71,7 @@ def choose_rest(
     if frames is None or choice == "zero":
         return stated
     few = sampled(frames, _FEW)
-    bodily = choice == "auto" and _is_bodily(source, family, index, stated.rotations)
+    bodily = choice == "auto" and is_bodily(source, family, index, stated.rotations)
     backwards = bodily and _bend_backwards(source, family, index, stated.rotations, few)
     if bodily and not backwards and not _twisted(source, family, index, stated.rotations, few):
         return stated
@@ -117,7 +117,7 @@ def _axes_matrix(axes: str) -> Floats[Array, "3 3"]:
     return np.stack(columns, axis=1)
 
 
-def _is_bodily(
+def is_bodily(
     source: Skeleton, family: Family, index: Mapping[str, int], rotations: Floats[Array, "joints 3 3"]
 ) -> bool:
     """Whether a pose is near enough to standing with straight limbs, arms aside or down, that its frames can be meant
