@@ -237,7 +237,6 @@ def test_names_may_hold_blanks_and_latin_letters(tmp_path):
         ("0.03336667", 1 / 0.03336667),
         ("1e-2", 100.0),
         ("1", 1.0),
-        ("2.5", 0.4),
     ],
 )
 def test_rounded_frame_times_mean_whole_rates(tmp_path, text, rate):

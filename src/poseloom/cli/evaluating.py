@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from poseloom.cli._motion_options import RestPose, SourceRate, Unit, Up, motion_choices
 from poseloom.cli._progress import progress_bars
 
 if TYPE_CHECKING:
@@ -79,6 +80,10 @@ def evaluate(
     report: Annotated[Path | None, typer.Option(help="Write a page with moving figures and plots (.html).")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as processors if left out.")] = None,
     skeleton: Annotated[Path | None, typer.Option(help="An ASF file, for AMC files without their own.")] = None,
+    unit: Unit = None,
+    up: Up = None,
+    source_rate: SourceRate = None,
+    rest_pose: RestPose = "auto",
 ) -> None:
     """Measure how far methods are from the truth, with the sequence itself left out of the library.
 
@@ -100,6 +105,7 @@ def evaluate(
             clips, method, library=library, models=model or (), layout=layout, split=split, noise=noise,
             channels=channels, drop=drop or (), start=start, stop=stop, subject=subject, seed=seed,
             workers=workers or os.cpu_count() or 1, skeleton=skeleton, progress=show,
+            choices=motion_choices(unit, up, source_rate, rest_pose),
         )  # fmt: skip
     console = Console()
     print_evaluation(evaluation, console)

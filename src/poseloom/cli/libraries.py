@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from poseloom.cli._motion_options import RestPose, SourceRate, Unit, Up, motion_choices, tell_conventions
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -50,6 +52,10 @@ def build(
     skeleton: _Skeletons = None,
     licence: _Licence = "not stated",
     workers: _Workers = 2,
+    unit: Unit = None,
+    up: Up = None,
+    source_rate: SourceRate = None,
+    rest_pose: RestPose = "auto",
     replace: Annotated[bool, typer.Option("--replace", help="Replace the library that is there.")] = False,
 ) -> None:
     """Build a library of motions, all on one body and at one rate.
@@ -59,9 +65,11 @@ def build(
     from poseloom.cli._progress import progress_bars
     from poseloom.library import build_library
 
+    choices = motion_choices(unit, up, source_rate, rest_pose)
+    rules = _skeleton_rules(skeleton)
     with progress_bars() as show:
         report = build_library(
-            sources, out, rate, mirror, exclude or (), _skeleton_rules(skeleton), licence, workers, replace, show
+            sources, out, rate, mirror, exclude or (), rules, licence, workers, replace, show, choices
         )
     _tell(report)
 
@@ -73,15 +81,19 @@ def add(
     skeleton: _Skeletons = None,
     licence: _Licence = "not stated",
     workers: _Workers = 2,
+    unit: Unit = None,
+    up: Up = None,
+    source_rate: SourceRate = None,
+    rest_pose: RestPose = "auto",
 ) -> None:
     """Add motions to a library, at its rate, mirrored if it is."""
     from poseloom.cli._progress import progress_bars
     from poseloom.library import add_to_library
 
+    choices = motion_choices(unit, up, source_rate, rest_pose)
+    rules = _skeleton_rules(skeleton)
     with progress_bars() as show:
-        report = add_to_library(
-            folder, sources, exclude or (), _skeleton_rules(skeleton), licence, workers, progress=show
-        )
+        report = add_to_library(folder, sources, exclude or (), rules, licence, workers, show, choices)
     _tell(report)
 
 
@@ -146,6 +158,7 @@ def search(
     from poseloom.skeleton.retarget import retarget
 
     motion = retarget(read_motion(clip))
+    tell_conventions(motion)
     if frame >= len(motion):
         raise PoseloomError(f"there is no frame {frame}", remedy=f"Give a frame from 0 to {len(motion) - 1}", file=clip)
     similar = similar_poses(library, motion.q[frame], count)
@@ -170,6 +183,8 @@ def _tell(report: "BuildReport") -> None:
     from poseloom.library import SkipKind
 
     typer.echo(f"{report.path}: {report.clips:,} clips, {report.poses:,} poses added")
+    for told, count in sorted(report.understood.items(), key=lambda entry: -entry[1]):
+        typer.echo(f"  {count:,} read as {told}")
     companions = sum(entry.kind is SkipKind.COMPANION for entry in report.skipped)
     if companions:
         typer.echo(f"{companions:,} files beside them hold no motion (poseloom library info --skipped lists them)")

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from poseloom.cli._motion_options import RestPose, SourceRate, Unit, Up, motion_choices
+
 if TYPE_CHECKING:
     from poseloom.skeleton.motion import Motion
 
 _Skeleton = Annotated[
     Path | None, typer.Option(help="The .asf (or skeleton.json) of a motion that has none beside it.")
 ]
-_Unit = Annotated[float | None, typer.Option(help="Metres a unit of a BVH file, where its guess is wrong.")]
-_Rate = Annotated[float | None, typer.Option(help="Frames a second of an AMC file, where they are not 120.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -27,8 +27,10 @@ def convert(
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write: .bvh, .glb or .npz.")],
     skeleton: _Skeleton = None,
-    unit: _Unit = None,
-    source_rate: _Rate = None,
+    unit: Unit = None,
+    up: Up = None,
+    source_rate: SourceRate = None,
+    rest_pose: RestPose = "auto",
     rate: Annotated[float | None, typer.Option(help="Resample to so many frames a second.")] = None,
     drop_rest_frame: Annotated[
         bool, typer.Option("--drop-rest-frame", help="Leave out frame 0 if it is the pose the skeleton was drawn in.")
@@ -41,6 +43,7 @@ def convert(
     """
     from poseloom import formats
     from poseloom.errors import FormatError
+    from poseloom.formats.conventions import describe_conventions
 
     if target.suffix.lower() not in formats.writable_suffixes():
         raise FormatError(
@@ -48,26 +51,31 @@ def convert(
             remedy=f"Use one of: {', '.join(formats.writable_suffixes())}",
             file=target,
         )
-    motion = formats.read_motion(source, skeleton, metres_per_unit=unit, rate=source_rate)
+    motion = formats.read_motion(source, skeleton, choices=motion_choices(unit, up, source_rate, rest_pose))
+    conventions = motion.conventions
     if drop_rest_frame:
         motion = formats.drop_rest_frame(motion)
     if body:
         from poseloom.skeleton.retarget import retarget
 
         motion = retarget(motion)
+        conventions = motion.conventions
     if rate is not None:
         from poseloom.skeleton.resample import resample
 
         motion = resample(motion, rate)
     formats.write_motion(motion, target)
-    _print([("written", str(target)), ("format", formats.format_name(target)), *_measures(motion)])
+    told = [] if conventions is None else describe_conventions(conventions)
+    _print([("written", str(target)), ("format", formats.format_name(target)), *told, *_measures(motion)])
 
 
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A motion file or a recording (.mcap).")],
     skeleton: _Skeleton = None,
-    unit: _Unit = None,
-    source_rate: _Rate = None,
+    unit: Unit = None,
+    up: Up = None,
+    source_rate: SourceRate = None,
+    rest_pose: RestPose = "auto",
 ) -> None:
     """Say what a motion file or a recording holds."""
     if file.suffix.lower() == ".mcap":
@@ -77,8 +85,8 @@ def info(
         return
     from poseloom import formats
 
-    motion = formats.read_motion(file, skeleton, metres_per_unit=unit, rate=source_rate)
-    rows = [("motion", motion.name), ("format", formats.format_name(file)), *_measures(motion)]
+    motion = formats.read_motion(file, skeleton, choices=motion_choices(unit, up, source_rate, rest_pose))
+    rows = [("motion", motion.name), ("format", formats.format_name(file)), *_conventions(motion), *_measures(motion)]
     if formats.format_name(file) == "DeepMimic JSON":
         from poseloom.formats.deepmimic import read_deepmimic
 
@@ -86,6 +94,21 @@ def info(
     if formats.starts_with_rest_frame(motion):
         rows.append(("frame 0", "the pose the skeleton was drawn in, not part of the movement"))
     _print(rows)
+
+
+def _conventions(motion: "Motion") -> list[tuple[str, str]]:
+    """How a motion's file was understood, and which rest pose retargeting would take."""
+    from poseloom.errors import RetargetError
+    from poseloom.formats.conventions import describe_conventions
+    from poseloom.skeleton.retarget import retarget
+
+    if motion.conventions is None:
+        return []
+    try:
+        told = retarget(motion).conventions
+    except RetargetError as error:
+        return [*describe_conventions(motion.conventions), ("on the body", f"no: {error.fact}")]
+    return describe_conventions(told or motion.conventions)
 
 
 def _measures(motion: "Motion") -> list[tuple[str, str]]:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from poseloom.cli._motion_options import tell_conventions
+
 
 def register(app: typer.Typer) -> None:
     """Adds the command."""
@@ -40,6 +42,7 @@ def draw_phases(
     if behaviour is not None and behaviour not in [each.value for each in Behaviour]:
         raise unknown_name("behaviour", behaviour, [each.value for each in Behaviour], PoseloomError)
     motion = resample(retarget(read_clip(clip, skeleton)), rate)
+    tell_conventions(motion)
     told = Behaviour(behaviour) if behaviour is not None else behaviour_of((), motion)
     track = label_phases(motion, told)
     write_phases(output, motion, track, told.value)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from poseloom.cli._motion_options import RestPose, SourceRate, Unit, Up, motion_choices, tell_conventions
 from poseloom.errors import PoseloomError, SensorError
 
 if TYPE_CHECKING:
@@ -86,6 +87,10 @@ def simulate(
     skeleton: Annotated[
         Path | None, typer.Option(help="The skeleton's file, where none stands beside the motion.")
     ] = None,
+    unit: Unit = None,
+    up: Up = None,
+    source_rate: SourceRate = None,
+    rest_pose: RestPose = "auto",
     name: Annotated[str | None, typer.Option(help="What to call the recording.")] = None,
     subject: Annotated[
         str | None,
@@ -139,7 +144,10 @@ def simulate(
     if rate is not None:
         worn = make_layout(worn.name, worn.sensors, rate)
     faults = [parse_fault(text) for text in fault or ()]
-    moving = _cut(retarget(read_clip(clip, skeleton)), start, stop)
+    choices = motion_choices(unit, up, source_rate, rest_pose)
+    on_body = retarget(read_clip(clip, skeleton, choices, human=True))
+    tell_conventions(on_body)
+    moving = _cut(on_body, start, stop)
     asked = {option: value for option, value in given.items() if value is not None}
     recording = simulate_worn(moving, worn, asked, faults, seed)
     who = subject or subject_of(clip)

@@ -10,6 +10,7 @@ import numpy as np
 
 from poseloom.errors import LibraryError, PoseloomError
 from poseloom.formats import drop_rest_frame, read_motions
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices
 from poseloom.formats.recording import read_recording
 from poseloom.library.naming import describe
 from poseloom.library.sources import SAMPLES, Selection, find_sources
@@ -58,6 +59,7 @@ class Conditions:
         start: Second of each sequence to begin at.
         stop: Second to end at; None: its end.
         subject: Who moves in sequences that do not say so.
+        choices: What the user says of motion files that do not say it themselves.
     """
 
     layout: SensorLayout | str = "six-trackers"
@@ -68,6 +70,7 @@ class Conditions:
     start: float = 0.0
     stop: float | None = None
     subject: str = ""
+    choices: MotionChoices = NOTHING_SAID
 
     @property
     def worn(self) -> SensorLayout:
@@ -272,7 +275,8 @@ def _motions(
             _keep(found, skipped, lambda name=source.name: _sample(name.removeprefix(f"{SAMPLES}/"), conditions))
             continue
         digest = file_digest(source.path)
-        motions = [drop_rest_frame(motion) for motion in read_motions(source.path, skeleton=source.skeleton)]
+        read = read_motions(source.path, skeleton=source.skeleton, choices=conditions.choices)
+        motions = [drop_rest_frame(motion) for motion in read]
         for motion in motions:
             name = source.path.stem + (f":{motion.name}" if len(motions) > 1 else "")
             try:

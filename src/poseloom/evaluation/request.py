@@ -20,6 +20,7 @@ from poseloom.evaluation.experiment import Evaluation, Progress, evaluate_cases
 from poseloom.evaluation.plan import Experiment
 from poseloom.evaluation.sensed import layout_of
 from poseloom.evaluation.splits import Split
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices, one_line
 from poseloom.library import MotionLibrary, open_library
 from poseloom.methods.choose import WITHOUT_LIBRARY, Library, Method, choose, default_method, model_method
 from poseloom.methods.registry import METHODS, needs_library
@@ -51,6 +52,7 @@ def evaluate(
     workers: int = 1,
     skeleton: Path | None = None,
     progress: Progress | None = None,
+    choices: MotionChoices = NOTHING_SAID,
 ) -> Evaluation:
     """Measures how far methods are from the ground truth, on any layout of sensors.
 
@@ -73,13 +75,13 @@ def evaluate(
         workers: Number of processes; with more than one a script needs `if __name__ == "__main__"`.
         skeleton: ASF file, for AMC files without their own.
         progress: Called with what is done, and how many of how many.
+        choices: What the user says of motion files that do not say it themselves: unit, up axis, rate, rest pose.
 
     Raises:
         PoseloomError: for what cannot be read or does not fit. Sequences that are too short are skipped and named.
     """
-    conditions = Conditions(
-        layout, noise or TrackerNoise(), seed, _named(Channels, "channels", channels), tuple(drop), start, stop, subject
-    )
+    used = _named(Channels, "channels", channels)
+    conditions = Conditions(layout, noise or TrackerNoise(), seed, used, tuple(drop), start, stop, subject, choices)
     by_name = _models(models)
     opened = open_library(library) if isinstance(library, str | Path) else library
     asked = _listed(methods)
@@ -98,7 +100,12 @@ def evaluate(
         tuple(dict.fromkeys(asked)), asked_library, _named(Split, "split", split), conditions, workers, by_name
     )
     evaluation = evaluate_cases(cases, experiment, progress)
-    return replace(evaluation, skipped=(*skipped, *evaluation.skipped))
+    understood = tuple(
+        f"{case.name} read as {one_line(case.motion.conventions)}"
+        for case in cases
+        if case.motion is not None and case.motion.conventions is not None
+    )
+    return replace(evaluation, skipped=(*skipped, *evaluation.skipped), notes=(*evaluation.notes, *understood))
 
 
 def _silent(what: str, done: int, total: int) -> None:

@@ -16,6 +16,7 @@ from poseloom.errors import FormatError, PoseloomError
 from poseloom.formats._asf import AcclaimSkeleton, AsfBone, read_asf
 from poseloom.formats._files import read_bytes
 from poseloom.formats._numbers import Tokens, scan
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices, settle
 from poseloom.rotations import rotvec_series_from_euler
 from poseloom.skeleton.motion import Motion, make_motion
 
@@ -26,7 +27,9 @@ RATE = 120.0
 _COMMENT = re.compile(rb"#[^\n]*")
 
 
-def read_amc(path: Path, skeleton: Path | None = None, rate: float = RATE) -> Motion:
+def read_amc(
+    path: Path, skeleton: Path | None = None, rate: float = RATE, choices: MotionChoices = NOTHING_SAID
+) -> Motion:
     """An AMC file as a motion in metres, on its ASF skeleton.
 
     Args:
@@ -34,6 +37,7 @@ def read_amc(path: Path, skeleton: Path | None = None, rate: float = RATE) -> Mo
         skeleton: The ASF file; found beside it where it is None (`find_asf`). Any skeleton with the same bones and
             degrees of freedom serves.
         rate: Frames a second.
+        choices: What else the user says of the file.
 
     Raises:
         FormatError: with the line, for a file that is not AMC, is cut off, or does not fit the skeleton.
@@ -45,7 +49,8 @@ def read_amc(path: Path, skeleton: Path | None = None, rate: float = RATE) -> Mo
     degrees, first = _header(tokens, acclaim, path)
     values = _values(tokens, first, acclaim, path)
     try:
-        return _motion(values, acclaim, degrees, rate, path.stem)
+        motion = _motion(values, acclaim, degrees, rate, path.stem)
+        return settle(motion, path, choices, acclaim.metres_per_unit)
     except PoseloomError as error:
         raise error.at(path) from None
 

@@ -1,9 +1,9 @@
 """BVH (Biovision hierarchy): a skeleton and its motion in one text file.
 
 The format states neither its unit of length, nor its up axis, nor what a joint's position channels mean. Here: unit and
-axis are told from the body and its poses (`formats.conventions`); a position channel replaces the joint's OFFSET on its axis, as it does
-in Blender and in every file we know, among them some whose root has both. Rotations are the product of the turns in
-the order of the channels, left to right, in degrees.
+axis are told from the body and its poses (`formats.conventions`); a position channel replaces the joint's OFFSET on its
+axis, as it does in Blender and in every file we know, among them some whose root has both. Rotations are the
+product of the turns in the order of the channels, left to right, in degrees.
 """
 
 import math
@@ -18,8 +18,8 @@ from poseloom.errors import FormatError, PoseloomError
 from poseloom.formats import _bvh_hierarchy as hierarchy
 from poseloom.formats._bvh_hierarchy import BvhJoint
 from poseloom.formats._bvh_writing import write_bvh
-from poseloom.formats._files import decode, read_bytes
 from poseloom.formats._dialects import plain_numbers, utf8
+from poseloom.formats._files import decode, read_bytes
 from poseloom.formats._numbers import Tokens, scan
 from poseloom.formats.conventions import NOTHING_SAID, MotionChoices, check_rate, settle
 from poseloom.rotations import rotvec_series_from_euler
@@ -112,8 +112,6 @@ def _rate(text: str, path: Path, line: int, choices: MotionChoices) -> float:
     Frame times are rounded: where the time of a whole number of frames a second rounds to the same figures, the rate is
     that number.
     """
-    if choices.rate is not None:
-        return check_rate(choices.rate, path, choices)
     try:
         time = float(text)
     except ValueError:

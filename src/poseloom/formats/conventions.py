@@ -110,16 +110,25 @@ def _human(tall: float | None) -> bool:
 
 
 def check_rate(rate: float, path: Path, choices: MotionChoices, line: int | None = None) -> float:
-    """The rate of a motion, or the one that the user gives.
+    """The rate that a file states, or the one that the user gives where that one is impossible.
 
     Raises:
-        FormatError: for less than one frame a second or more than 2,000, unless the user gives the rate.
+        FormatError: for less than one frame a second or more than 2,000, unless the user gives the rate; and where
+            the user gives one for a file that states a possible one.
     """
+    possible = _SLOWEST <= rate <= _FASTEST
     if choices.rate is not None:
+        if possible:
+            raise FormatError(
+                f"a rate was given, but the file states its own, {rate:g} Hz",
+                remedy="Leave the rate out, or correct the file's frame time",
+                file=path,
+                line=line,
+            )
         if not 0 < choices.rate < float("inf"):
             raise FormatError(f"the rate is {choices.rate:g} Hz", remedy="Give a positive number", file=path)
         return choices.rate
-    if _SLOWEST <= rate <= _FASTEST:
+    if possible:
         return rate
     time = 1 / rate
     cause = ""

@@ -16,6 +16,7 @@ from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError, PoseloomError
 from poseloom.formats._files import decode, read_bytes
 from poseloom.formats._numbers import scan
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices, settle
 from poseloom.rotations import unwrap_rotvec
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import Skeleton, make_skeleton
@@ -24,12 +25,13 @@ _SKELETON = "skeleton.json"
 _LEVELS = 4
 
 
-def read_expmap(path: Path, skeleton: Path | None = None) -> Motion:
+def read_expmap(path: Path, skeleton: Path | None = None, choices: MotionChoices = NOTHING_SAID) -> Motion:
     """An exponential-map CSV file as a motion in metres.
 
     Args:
         path: The file.
         skeleton: Its skeleton's JSON file; looked for beside and above the file where it is None.
+        choices: What else the user says of the file.
 
     Raises:
         FormatError: with the line, for a file that is no table of finite numbers with a column for each joint's axes.
@@ -68,7 +70,8 @@ def read_expmap(path: Path, skeleton: Path | None = None) -> Motion:
                 file=path,
                 line=int(lines[uneven[0]]),
             )
-        return _motion(tokens.values.reshape(-1, columns), names, bones, scale, rate, path.stem)
+        motion = _motion(tokens.values.reshape(-1, columns), names, bones, scale, rate, path.stem)
+        return settle(motion, path, choices, scale, "y")
     except PoseloomError as error:
         raise error if error.file else error.at(path) from None
 

@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from poseloom.errors import FormatError
 from poseloom.formats._files import beginning, read_bytes, reading
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices, settle
 from poseloom.skeleton.motion import Motion
 
 _HEAD = 4096
@@ -16,9 +17,8 @@ _HEAD = 4096
 class _Options:
     """What some kinds of files do not say themselves; see `read_motions`."""
 
-    skeleton: Path | None = None
-    metres_per_unit: float | None = None
-    rate: float | None = None
+    skeleton: Path | None
+    choices: MotionChoices
 
 
 def motion_suffixes() -> tuple[str, ...]:
@@ -53,7 +53,13 @@ def is_motion_file(path: Path) -> bool:
 
 
 def read_motions(
-    path: Path, skeleton: Path | None = None, *, metres_per_unit: float | None = None, rate: float | None = None
+    path: Path,
+    skeleton: Path | None = None,
+    *,
+    metres_per_unit: float | None = None,
+    rate: float | None = None,
+    up: str | None = None,
+    choices: MotionChoices = NOTHING_SAID,
 ) -> list[Motion]:
     """All motions of a file, in metres, Y up, named after the file. Nothing is dropped or smoothed.
 
@@ -61,8 +67,10 @@ def read_motions(
         path: A BVH, AMC, exponential-map, DeepMimic or NPZ file.
         skeleton: The file that holds the skeleton, for the kinds that keep it apart (AMC, exponential maps), where it
             does not stand beside the motion.
-        metres_per_unit: The unit of length of a BVH file, where its guess from the skeleton's size would be wrong.
-        rate: Frames a second of an AMC file, where they are not 120.
+        metres_per_unit: The file's unit of length, where what it states or what the body's size tells would be wrong.
+        rate: Frames a second, where a BVH file's frame time is impossible or an AMC file's are not 120.
+        up: The axis that points up (x, y, z, -x, -y or -z), where rest pose and motion would tell it wrong.
+        choices: All of these at once.
 
     Raises:
         FormatError: for a file of an unknown kind, a damaged one, one whose skeleton is missing, a folder, or an
@@ -81,19 +89,27 @@ def read_motions(
             remedy="Name the AMC file that moves it" if alone else f"Use one of: {', '.join(_READERS)}",
             file=path,
         )
+    given = {"metres_per_unit": metres_per_unit, "rate": rate, "up": up}
+    choices = replace(choices, **{name: value for name, value in given.items() if value is not None})
     with reading(path):
-        return [reader(path, _Options(skeleton, metres_per_unit, rate))]
+        return [reader(path, _Options(skeleton, choices))]
 
 
 def read_motion(
-    path: Path, skeleton: Path | None = None, *, metres_per_unit: float | None = None, rate: float | None = None
+    path: Path,
+    skeleton: Path | None = None,
+    *,
+    metres_per_unit: float | None = None,
+    rate: float | None = None,
+    up: str | None = None,
+    choices: MotionChoices = NOTHING_SAID,
 ) -> Motion:
     """The one motion of a file; see `read_motions`.
 
     Raises:
         FormatError: also where there are several.
     """
-    motions = read_motions(path, skeleton, metres_per_unit=metres_per_unit, rate=rate)
+    motions = read_motions(path, skeleton, metres_per_unit=metres_per_unit, rate=rate, up=up, choices=choices)
     if len(motions) != 1:
         raise FormatError(
             f"this file holds {len(motions)} motions, not one", remedy="Use a file with one motion", file=path
@@ -147,34 +163,35 @@ def _is_number(field: bytes) -> bool:
 def _read_bvh(path: Path, options: _Options) -> Motion:
     from poseloom.formats.bvh import read_bvh
 
-    _refuse(path, skeleton=options.skeleton, rate=options.rate)
-    return read_bvh(path, options.metres_per_unit)
+    _refuse(path, skeleton=options.skeleton)
+    return read_bvh(path, choices=options.choices)
 
 
 def _read_amc(path: Path, options: _Options) -> Motion:
     from poseloom.formats.asf_amc import RATE, read_amc
 
-    _refuse(path, metres_per_unit=options.metres_per_unit)
-    return read_amc(path, options.skeleton, RATE if options.rate is None else options.rate)
+    rate = options.choices.rate
+    return read_amc(path, options.skeleton, RATE if rate is None else rate, options.choices)
 
 
 def _read_table(path: Path, options: _Options) -> Motion:
-    _refuse(path, metres_per_unit=options.metres_per_unit, rate=options.rate)
+    _refuse(path, rate=options.choices.rate)
     if _is_json(path):
         from poseloom.formats.deepmimic import read_deepmimic
 
         _refuse(path, skeleton=options.skeleton)
-        return read_deepmimic(path).motion
+        return settle(read_deepmimic(path).motion, path, options.choices, 1.0, "y")
     from poseloom.formats.expmap_csv import read_expmap
 
-    return read_expmap(path, options.skeleton)
+    return read_expmap(path, options.skeleton, options.choices)
 
 
 def _read_npz(path: Path, options: _Options) -> Motion:
     from poseloom.formats.npz import read_npz
 
-    _refuse(path, skeleton=options.skeleton, metres_per_unit=options.metres_per_unit, rate=options.rate)
-    return read_npz(path)
+    choices = options.choices
+    _refuse(path, skeleton=options.skeleton, metres_per_unit=choices.metres_per_unit, rate=choices.rate)
+    return settle(read_npz(path), path, choices, 1.0, "y")
 
 
 def _refuse(path: Path, **given: object) -> None:

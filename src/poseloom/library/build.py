@@ -1,8 +1,9 @@
 """Makes a motion library, and adds to one."""
 
+from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 
 from poseloom.errors import LibraryError
 from poseloom.formats.atomic import naming
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices
 from poseloom.library import folders, store
 from poseloom.library.catalogue import CATALOGUE_FILE, SkipKind, Skipped, write_catalogue
 from poseloom.library.conversion import Recipe, convert
@@ -41,12 +43,14 @@ class BuildReport:
         clips: Clips added, mirror images included.
         poses: Poses added.
         skipped: Files and motions that were not taken, with reasons.
+        understood: How many files were understood in which way: unit, up axis, rest pose.
     """
 
     path: Path
     clips: int
     poses: int
     skipped: tuple[Skipped, ...]
+    understood: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
 def build_library(
@@ -60,6 +64,7 @@ def build_library(
     workers: int = 1,
     replace_existing: bool = False,
     progress: Progress | None = None,
+    choices: MotionChoices = NOTHING_SAID,
 ) -> BuildReport:
     """Builds a motion library: every motion on the average body, at one rate, catalogued and indexed.
 
@@ -77,6 +82,7 @@ def build_library(
         workers: Number of processes.
         replace_existing: Put the new content in place of the library that `out` holds.
         progress: Told how far it is.
+        choices: What the user says of files that do not say it themselves: unit, up axis, rate, rest pose.
 
     Raises:
         LibraryError: if `out` holds something, a source does not exist, or not one motion could be read.
@@ -95,8 +101,8 @@ def build_library(
         store.read_header(folder)  # only a library is replaced
     job = _Job(
         found=find_sources(sources, _selection(exclude, skeletons, licence)),
-        recipe=Recipe(float(rate), mirror),
-        entry=_history_entry("build", sources, exclude, skeletons, licence),
+        recipe=Recipe(float(rate), mirror, choices),
+        entry=_history_entry("build", sources, exclude, skeletons, licence, choices),
         workers=workers,
         progress=progress or _silent,
     )
@@ -112,6 +118,7 @@ def add_to_library(
     licence: str = UNSTATED,
     workers: int = 1,
     progress: Progress | None = None,
+    choices: MotionChoices = NOTHING_SAID,
 ) -> BuildReport:
     """Adds motions to a library, at its rate and with mirror images if it has them.
 
@@ -133,8 +140,8 @@ def add_to_library(
         store.check_files(path / header.generation, header.files)
         job = _Job(
             found=found,
-            recipe=Recipe(header.rate, header.mirror),
-            entry=_history_entry("add", sources, exclude, skeletons, licence),
+            recipe=Recipe(header.rate, header.mirror, choices),
+            entry=_history_entry("add", sources, exclude, skeletons, licence, choices),
             workers=workers,
             progress=progress or _silent,
         )
@@ -173,6 +180,7 @@ def _history_entry(
     exclude: Sequence[str],
     skeletons: Mapping[str, str | Path] | None,
     licence: str,
+    choices: MotionChoices,
 ) -> Mapping[str, Any]:
     return {
         "command": what,
@@ -180,6 +188,7 @@ def _history_entry(
         "exclude": list(exclude),
         "skeletons": {pattern: str(path) for pattern, path in (skeletons or {}).items()},
         "licence": licence,
+        **{name: value for name, value in asdict(choices).items() if value not in (None, "auto")},
     }
 
 
@@ -227,7 +236,9 @@ def _write(folder: Path, earlier: store.Header | None, job: _Job) -> BuildReport
         )
         store.write_header(folder, store.with_generation(header, generation))
     folders.remove_other_generations(folder, generation.name)
-    return BuildReport(folder, len(clips) - before, rows - rows_before, tuple(filled.skipped[skipped_before:]))
+    understood = Counter(clip.conventions for clip in clips[before:] if clip.conventions and not clip.mirrored)
+    skipped = tuple(filled.skipped[skipped_before:])
+    return BuildReport(folder, len(clips) - before, rows - rows_before, skipped, dict(understood))
 
 
 def _read(job: _Job, filled: Filling, writer: PoseWriter) -> None:

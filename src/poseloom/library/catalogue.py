@@ -22,11 +22,14 @@ _SCHEMA = """
 CREATE TABLE clips (
     id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, take TEXT NOT NULL, subject TEXT NOT NULL, source TEXT NOT NULL,
     digest TEXT NOT NULL, start INTEGER NOT NULL, stop INTEGER NOT NULL, mirrored INTEGER NOT NULL,
-    source_rate REAL NOT NULL, family TEXT NOT NULL, licence TEXT NOT NULL, tags TEXT NOT NULL
+    source_rate REAL NOT NULL, family TEXT NOT NULL, licence TEXT NOT NULL, tags TEXT NOT NULL,
+    conventions TEXT NOT NULL
 );
 CREATE TABLE skipped (source TEXT NOT NULL, kind TEXT NOT NULL, reason TEXT NOT NULL);
 """
 _CLIP_COLUMNS = "id, name, take, subject, source, digest, start, stop, mirrored, source_rate, family, licence, tags"
+_LATER_COLUMNS = ("conventions",)
+"""Columns that catalogues of earlier versions lack: empty there."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Clip:
         family: To which family of skeletons the file's belongs, by the names of its joints.
         licence: Under what terms the source is, as far as stated beside it.
         tags: Words for what happens in it.
+        conventions: How the file's unit, up axis and rest pose were understood; empty where nothing had to be.
     """
 
     id: int
@@ -63,6 +67,7 @@ class Clip:
     family: str
     licence: str
     tags: tuple[str, ...]
+    conventions: str = ""
 
     def __len__(self) -> int:
         return self.stop - self.start
@@ -103,7 +108,8 @@ def write_catalogue(path: Path, clips: Iterable[Clip], skipped: Iterable[Skipped
         with closing(sqlite3.connect(path)) as connection, connection:
             connection.executescript(_SCHEMA)
             connection.executemany(
-                f"INSERT INTO clips ({_CLIP_COLUMNS}) VALUES ({', '.join('?' * len(fields(Clip)))})",
+                f"INSERT INTO clips ({', '.join((_CLIP_COLUMNS, *_LATER_COLUMNS))}) "
+                f"VALUES ({', '.join('?' * len(fields(Clip)))})",
                 (_row(clip) for clip in clips),
             )
             connection.executemany(
@@ -115,21 +121,34 @@ def write_catalogue(path: Path, clips: Iterable[Clip], skipped: Iterable[Skipped
 
 
 def _row(clip: Clip) -> tuple[Any, ...]:
-    *values, _ = astuple(clip)
-    return (*values, " ".join(clip.tags))
+    *values, _, conventions = astuple(clip)
+    return (*values, " ".join(clip.tags), conventions)
 
 
 def _clip(row: tuple[Any, ...]) -> Clip:
     """A row of the table, each column of its type: sqlite keeps anything anywhere."""
-    id, name, take, subject, source, digest, start, stop, mirrored, rate, family, licence, tags = row
-    words, numbers = (name, take, subject, source, digest, family, licence, tags), (id, start, stop, mirrored)
+    id, name, take, subject, source, digest, start, stop, mirrored, rate, family, licence, tags, told = row
+    words, numbers = (name, take, subject, source, digest, family, licence, tags, told), (id, start, stop, mirrored)
     if not all(isinstance(word, str) for word in words) or not all(isinstance(number, int) for number in numbers):
         raise ValueError(f"clip {str(id)[:20]} has an entry of another type")
     if not 0 <= start < stop or mirrored not in (0, 1):
         raise ValueError(f"clip {id} has rows from {start} to {stop}")
     rate = checked_number(f"the rate of clip {id}", rate, *RATES)
     return Clip(
-        id, name, take, subject, source, digest, start, stop, bool(mirrored), rate, family, licence, tuple(tags.split())
+        id,
+        name,
+        take,
+        subject,
+        source,
+        digest,
+        start,
+        stop,
+        bool(mirrored),
+        rate,
+        family,
+        licence,
+        tuple(tags.split()),
+        told,
     )
 
 
@@ -138,6 +157,12 @@ def _skip(row: tuple[Any, ...]) -> Skipped:
         raise ValueError("a skipped file has an entry of another type")
     source, kind, reason = row
     return Skipped(source, SkipKind(kind), reason)
+
+
+def _columns(connection: sqlite3.Connection) -> str:
+    """The columns of a clip, with nothing for those that this catalogue lacks."""
+    present = {row[1] for row in connection.execute("PRAGMA table_info(clips)")}
+    return ", ".join((_CLIP_COLUMNS, *(column if column in present else "''" for column in _LATER_COLUMNS)))
 
 
 def read_catalogue(path: Path) -> tuple[tuple[Clip, ...], tuple[Skipped, ...]]:
@@ -155,7 +180,8 @@ def read_catalogue(path: Path) -> tuple[tuple[Clip, ...], tuple[Skipped, ...]]:
             tables = dict(connection.execute("SELECT name, type FROM sqlite_schema WHERE name IN ('clips', 'skipped')"))
             if tables != {"clips": "table", "skipped": "table"}:
                 raise ValueError("it has no tables of clips and skipped files")
-            clips = tuple(_clip(row) for row in connection.execute(f"SELECT {_CLIP_COLUMNS} FROM clips ORDER BY id"))
+            columns = _columns(connection)
+            clips = tuple(_clip(row) for row in connection.execute(f"SELECT {columns} FROM clips ORDER BY id"))
             rows = connection.execute("SELECT source, kind, reason FROM skipped ORDER BY rowid")
             skipped = tuple(_skip(row) for row in rows)
     except (sqlite3.Error, FormatError, *DAMAGE) as error:

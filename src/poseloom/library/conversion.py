@@ -10,6 +10,7 @@ import numpy as np
 from poseloom.arrays import Array, Floats32
 from poseloom.errors import PoseloomError
 from poseloom.formats import drop_rest_frame, read_motions
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices, check_human, one_line
 from poseloom.library.catalogue import SkipKind, Skipped
 from poseloom.library.sources import Source
 from poseloom.library.store import file_digest
@@ -32,10 +33,12 @@ class Recipe:
     Attributes:
         rate: Frames a second of the library.
         mirror: Whether each clip's mirror image is added too.
+        choices: What the user says of files that do not say it themselves.
     """
 
     rate: float
     mirror: bool
+    choices: MotionChoices = NOTHING_SAID
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +51,7 @@ class NewClip:
         mirrored: Whether it is the mirror image.
         source_rate: Frames a second in the file.
         family: To which family of skeletons the file's belongs.
+        conventions: How the file was understood, in a few words; empty for built-in motions.
     """
 
     name: str
@@ -55,6 +59,7 @@ class NewClip:
     mirrored: bool
     source_rate: float
     family: str
+    conventions: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +74,7 @@ class Conversion:
 def convert(source: Source, recipe: Recipe) -> Conversion:
     """Reads a source and makes its clips. What cannot be read becomes an entry among the skipped, no exception."""
     try:
-        digest, motions = _read(source)
+        digest, motions = _read(source, recipe.choices)
     except MemoryError:
         raise
     except Exception as error:  # one bad file must not end a build of thousands; it is listed with its reason
@@ -91,20 +96,23 @@ def convert(source: Source, recipe: Recipe) -> Conversion:
     return Conversion(digest, tuple(clips), tuple(skipped))
 
 
-def _read(source: Source) -> tuple[str, Sequence[Motion]]:
+def _read(source: Source, choices: MotionChoices) -> tuple[str, Sequence[Motion]]:
     if source.path is None:
         motion = sample_motions()[source.name.partition("/")[2]]
         return hashlib.sha256(motion.q.tobytes()).hexdigest(), [motion]
-    motions = read_motions(source.path, skeleton=source.skeleton)
+    motions = read_motions(source.path, skeleton=source.skeleton, choices=choices)
+    for motion in motions:
+        check_human(motion, source.path)
     return file_digest(source.path), [drop_rest_frame(motion) for motion in motions]
 
 
 def _clips(motion: Motion, name: str, recipe: Recipe) -> list[NewClip]:
     family = recognise(motion.skeleton).name
     moved = resample(retarget(motion, average_body()), recipe.rate)
-    clips = [NewClip(name, moved.q.astype(np.float32), False, motion.rate, family)]
+    told = one_line(moved.conventions) if moved.conventions else ""
+    clips = [NewClip(name, moved.q.astype(np.float32), False, motion.rate, family, told)]
     if recipe.mirror:
-        clips.append(NewClip(name, mirror_motion(moved).q.astype(np.float32), True, motion.rate, family))
+        clips.append(NewClip(name, mirror_motion(moved).q.astype(np.float32), True, motion.rate, family, told))
     return clips
 
 

@@ -78,4 +78,5 @@ def _entry(number: int, name: str, source: Source, conversion: Conversion, clip:
         family=clip.family,
         licence=source.licence,
         tags=source.tags,
+        conventions=clip.conventions,
     )

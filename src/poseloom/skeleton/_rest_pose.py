@@ -27,6 +27,9 @@ _SIDEWAYS = np.cos(np.radians(70.0))
 _FEW = 200
 """Frames that are enough to speak against a pose."""
 
+_BENDS = np.sin(np.radians(5.0))
+"""By how much the sine of a bend must change to speak against a pose."""
+
 _AGREED = 0.9
 """Share of the bends of a knee or elbow that must agree on its axis to speak against a pose."""
 
@@ -175,13 +178,19 @@ def _bend_backwards(
             turn = index[family.turn(f"{side}{bones[0]}")]
             flexion = bend(*(frames.positions[:, joint] for joint in chain))
             axis, agreement = flexion.axis(frames.rotations[:, turn])
-            if not flexion.clear or agreement < _AGREED:
+            if not flexion.clear or agreement < _AGREED or not _moves(flexion.normals):
                 continue
             way = unit(rest[chain[1]] - rest[chain[0]])
             expected = left if bones is _LEG else np.cross(way, np.cross(left, up))
             if (rotations[turn] @ axis) @ (expected - (expected @ way) * way) < 0:
                 return True
     return False
+
+
+def _moves(normals: Floats[Array, "frames 3"]) -> bool:
+    """Whether a joint bends more and less: a pose that is held may be any. Normals are as long as the squared sine."""
+    sines = np.sqrt(np.linalg.norm(normals, axis=1))
+    return float(sines.max() - sines.min()) > _BENDS
 
 
 def _twisted(

@@ -30,7 +30,7 @@ pelvis: 1.7 m for the average body."""
 
 @dataclass(frozen=True)
 class _Unit:
-    """A unit of length in use, and the statures for which it is taken: infants and toys are likelier in metric units."""
+    """A unit of length, and the statures for which it is taken: infants and toys are likelier in metric units."""
 
     name: str
     metres: float
@@ -42,9 +42,9 @@ _UNITS = (
     _Unit("metres", 1.0, SHORTEST, TALLEST),
     _Unit("centimetres", 0.01, SHORTEST, TALLEST),
     _Unit("millimetres", 0.001, SHORTEST, TALLEST),
-    _Unit("feet", 0.3048, 1.3, 2.15),
-    _Unit("inches", 0.0254, 1.3, 2.15),
-    _Unit("CMU's 0.45 scaled inches", 0.0254 / 0.45, 1.3, 2.15),
+    _Unit("feet", 0.3048, 1.2, 2.15),
+    _Unit("inches", 0.0254, 1.2, 2.15),
+    _Unit("CMU's 0.45 scaled inches", 0.0254 / 0.45, 1.2, 2.15),
 )
 _FRAMES = 300
 _UPRIGHT = np.cos(np.radians(45.0))
@@ -64,7 +64,7 @@ def stature(skeleton: Skeleton) -> float | None:
 
 
 def guess_metres_per_unit(skeleton: Skeleton) -> float | None:
-    """The unit of length, of those in use, in which a body comes nearest to an adult; None where it is human in none."""
+    """The unit of length in which a body comes nearest to an adult, of those in use; None if it is human in none."""
     tall = stature(skeleton)
     if tall is None:
         return None
