@@ -13,7 +13,16 @@ from poseloom.formats import read_motion
 from poseloom.rotations import matrix_from_rotvec, rotvec_from_matrix, unwrap_rotvec
 from poseloom.samples import sample_motions
 from poseloom.sensors import layout
-from poseloom.skeleton import FAMILIES, Motion, average_body, make_motion, motion_frames, recognise, retarget
+from poseloom.skeleton import (
+    FAMILIES,
+    Motion,
+    average_body,
+    make_motion,
+    make_skeleton,
+    motion_frames,
+    recognise,
+    retarget,
+)
 from poseloom.skeleton._family import Family
 from poseloom.skeleton.families import BANDAI, CMU_ASF, MIXAMO, SLIMEVR
 from poseloom.skeleton.forearms import NEUTRAL
@@ -212,3 +221,47 @@ def test_bones_along_x_are_the_same_walk(recordings):
     distance, angle = errors(retarget(t_pose), retarget(along))
     assert distance < 0.001
     assert angle < 1.0
+
+
+def test_slimevr_hangs_from_its_head():
+    """Every bone along -Y of its joint, as SlimeVR writes them; arms down and a step ahead with the left knee bent."""
+    chain = {
+        "HEAD": "",
+        "NECK": "HEAD",
+        "UPPER_CHEST": "NECK",
+        "CHEST": "UPPER_CHEST",
+        "WAIST": "CHEST",
+        "HIP": "WAIST",
+    }
+    lengths = {"HEAD": 0.1, "NECK": 0.1, "UPPER_CHEST": 0.16, "CHEST": 0.16, "WAIST": 0.16, "HIP": 0.05}
+    for side in ("LEFT", "RIGHT"):
+        arm = ("NECK", "UPPER_SHOULDER", "SHOULDER", "UPPER_ARM", "LOWER_ARM", "HAND")
+        leg = ("HIP", "HIP", "UPPER_LEG", "LOWER_LEG", "FOOT")
+        for bones in (arm, leg):
+            for above, bone in itertools.pairwise(bones):
+                first = above == bones[0] and bone == bones[1]
+                chain[f"{side}_{bone}"] = above if first else f"{side}_{above}"
+        sizes = (0.05, 0.15, 0.28, 0.25, 0.08, 0.09, 0.42, 0.42, 0.15)
+        lengths |= {f"{side}_{bone}": size for bone, size in zip((*arm[1:], *leg[1:]), sizes, strict=True)}
+    names = list(chain)
+    offsets = [(0.0, -lengths[chain[name]] if chain[name] else 0.0, 0.0) for name in names]
+    parents = [names.index(chain[name]) if chain[name] else -1 for name in names]
+    tips = {name: (0.0, -lengths[name], 0.0) for name in ("LEFT_FOOT", "RIGHT_FOOT", "LEFT_HAND", "RIGHT_HAND")}
+    skeleton = make_skeleton(names, parents, offsets, tips)
+    rotations = np.stack([axes_matrix(SLIMEVR.frames.get(name, "+X +Y +Z")) for name in names])
+    down = matrix_from_rotvec(-np.pi / 2 * Z)
+    for bone in ("UPPER_ARM", "LOWER_ARM", "HAND"):
+        rotations[names.index(f"LEFT_{bone}")] = down @ rotations[names.index(f"LEFT_{bone}")]
+        rotations[names.index(f"RIGHT_{bone}")] = down.T @ rotations[names.index(f"RIGHT_{bone}")]
+    for bone, bend in (("UPPER_LEG", -0.6), ("LOWER_LEG", 0.3)):
+        rotations[names.index(f"LEFT_{bone}")] = matrix_from_rotvec(bend * X)
+    motion = _from_rotations(skeleton, np.stack([rotations] * 4), np.tile([0.0, 1.6, 0.0], (4, 1)), 50.0)
+    body = retarget(motion)
+    found = {name: np.degrees(turn) for name, turn in zip(body.skeleton.names, body.rotvecs[0], strict=True)}
+    np.testing.assert_allclose(found["leftUpperLeg"], np.degrees([-0.6, 0, 0]), atol=1e-6)
+    np.testing.assert_allclose(found["leftLowerLeg"], np.degrees([0.9, 0, 0]), atol=1e-6)
+    np.testing.assert_allclose(found["rightUpperLeg"], 0.0, atol=1e-6)
+    np.testing.assert_allclose(found["leftUpperArm"], [0, 0, -90], atol=1e-6)
+    np.testing.assert_allclose(found["rightUpperArm"], [0, 0, 90], atol=1e-6)
+    heights = dict(zip(body.skeleton.names, motion_frames(body).positions[0, :, 1], strict=True))
+    assert heights["head"] > heights["neck"] > heights["upperChest"] > heights["hips"] > heights["rightFoot"]

@@ -190,7 +190,7 @@ def _bend_backwards(
 def _moves(normals: Floats[Array, "frames 3"]) -> bool:
     """Whether a joint bends more and less: a pose that is held may be any. Normals are as long as the squared sine."""
     sines = np.sqrt(np.linalg.norm(normals, axis=1))
-    return float(sines.max() - sines.min()) > _BENDS
+    return bool(sines.max() - sines.min() > _BENDS)
 
 
 def _twisted(
