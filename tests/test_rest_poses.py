@@ -244,9 +244,9 @@ def test_slimevr_hangs_from_its_head():
         sizes = (0.05, 0.15, 0.28, 0.25, 0.08, 0.09, 0.42, 0.42, 0.15)
         lengths |= {f"{side}_{bone}": size for bone, size in zip((*arm[1:], *leg[1:]), sizes, strict=True)}
     names = list(chain)
-    offsets = [(0.0, -lengths[chain[name]] if chain[name] else 0.0, 0.0) for name in names]
+    offsets = [[0.0, -lengths[chain[name]] if chain[name] else 0.0, 0.0] for name in names]
     parents = [names.index(chain[name]) if chain[name] else -1 for name in names]
-    tips = {name: (0.0, -lengths[name], 0.0) for name in ("LEFT_FOOT", "RIGHT_FOOT", "LEFT_HAND", "RIGHT_HAND")}
+    tips = {name: [0.0, -lengths[name], 0.0] for name in ("LEFT_FOOT", "RIGHT_FOOT", "LEFT_HAND", "RIGHT_HAND")}
     skeleton = make_skeleton(names, parents, offsets, tips)
     rotations = np.stack([axes_matrix(SLIMEVR.frames.get(name, "+X +Y +Z")) for name in names])
     down = matrix_from_rotvec(-np.pi / 2 * Z)
