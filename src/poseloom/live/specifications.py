@@ -16,6 +16,7 @@ from poseloom.live.sources_network import DatagramSource, VmcSource
 from poseloom.live.virtual import virtual_recording
 from poseloom.live.vmc import VMC_PORT
 from poseloom.live.wire import WIRE_PORT
+from poseloom.plugins import SOURCES_GROUP, Registry
 from poseloom.sensors import SensorLayout, layout
 from poseloom.synthesis import parse_fault
 
@@ -60,6 +61,19 @@ class Specification:
         return value
 
 
+@dataclass(frozen=True)
+class SourceEntry:
+    """A kind of source that can be named.
+
+    Attributes:
+        summary: What it is, in half a line.
+        make: Makes it of a specification. Raises PoseloomError for one that it does not understand.
+    """
+
+    summary: str
+    make: Callable[[Specification], Source]
+
+
 def parse_specification(text: str) -> Specification:
     """Takes a specification apart: `KIND[:ADDRESS][,KEY=VALUE]...`; a word without `=` is an option that is on."""
     head, *rest = text.split(",")
@@ -89,9 +103,7 @@ def make_source(text: str) -> Source:
         PoseloomError: for anything that is not understood, or a file that cannot be read.
     """
     written = parse_specification(text)
-    if written.kind not in _MAKERS:
-        raise unknown_name("kind of source", written.kind, _MAKERS, SensorError)
-    return _MAKERS[written.kind](written)
+    return SOURCES.row(written.kind).make(written)
 
 
 def make_sender(text: str) -> VmcSender:
@@ -149,14 +161,22 @@ def _simulate(written: Specification) -> Source:
     return ReplaySource(recording, f"virtual sensors on {clip}", written.number("speed", 1.0), endless)
 
 
-_MAKERS: Mapping[str, Callable[[Specification], Source]] = {
-    "vmc": _vmc,
-    "udp": _udp,
-    "serial": _serial,
-    "lines": _lines,
-    "replay": _replay,
-    "simulate": _simulate,
-}
+SOURCES = Registry(
+    SOURCES_GROUP,
+    "kind of source",
+    SourceEntry,
+    {
+        "vmc": SourceEntry("headset, controllers and trackers by the VMC protocol", _vmc),
+        "udp": SourceEntry("poseloom's own datagrams, JSON or binary", _udp),
+        "serial": SourceEntry("lines of converter counts from a serial line", _serial),
+        "lines": SourceEntry("the same lines from a file", _lines),
+        "replay": SourceEntry("a recording played again", _replay),
+        "simulate": SourceEntry("virtual sensors on a motion", _simulate),
+    },
+    SensorError,
+)
+"""Every kind of source, by the word with which its specification begins; other packages add theirs through
+`poseloom.sources`."""
 
 
 def _layout(written: Specification, default: str, rate: float | None = None) -> SensorLayout:
