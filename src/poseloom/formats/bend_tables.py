@@ -7,6 +7,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
+from poseloom.formats._files import reading
 from poseloom.formats.text_tables import Table, read_table
 
 _ANGLE = "angle"
@@ -50,7 +51,11 @@ def read_bend_tables(folder: Path, rate: float = 50.0) -> list[BendTable]:
     """
     if not folder.is_dir():
         raise FormatError("there is no such folder", remedy="Name the folder with the tables", file=folder)
-    tables = [table for path in sorted(folder.glob("*.csv")) if (table := _read(path, rate)) is not None]
+    tables: list[BendTable] = []
+    for path in sorted(folder.glob("*.csv")):
+        with reading(path, "a table of flex sensors"):
+            table = _read(path, rate)
+        tables += [] if table is None else [table]
     if not tables:
         raise FormatError(
             "no table of flex sensors is here",
@@ -77,6 +82,11 @@ def read_displaced_tables(folder: Path, rate: float = 50.0) -> dict[tuple[float,
     path = folder / _DISPLACED
     if not path.is_file():
         return {}
+    with reading(path, "a table of shifted flex sensors"):
+        return _read_displaced(path, rate)
+
+
+def _read_displaced(path: Path, rate: float) -> dict[tuple[float, float], BendTable]:
     table = read_table(path, heads=1)
     header = list(table.names)
     channels = [name for name in header if name[:1] == "r" and name[1:].isdigit()]

@@ -62,7 +62,7 @@ def read_column_map(path: Path) -> ColumnMap:
     """
     try:
         content = tomllib.loads(decode(read_bytes(path)))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError(
             "this is no column map", cause=f"its TOML cannot be read: {error}"[:200], remedy="Mend it", file=path
         ) from None

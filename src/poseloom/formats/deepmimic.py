@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats
+from poseloom.arrays import Array, Floats, exceeds_room
 from poseloom.errors import FormatError, PoseloomError
 from poseloom.formats._files import decode, read_bytes
 from poseloom.rotations import rotvec_from_quat, unwrap_rotvec
@@ -100,6 +100,9 @@ def read_deepmimic(path: Path) -> DeepMimicMotion:
         frame = int(np.argmin(durations))
         raise _wrong(f"frame {frame} lasts {durations[frame]:g} s", path, "Give each frame a positive duration")
     rate = _rate(durations) if len(values) > 1 else _rate(values[:, 0])
+    if exceeds_room(float(durations.sum()) * rate, len(values), _VALUES):
+        frame = int(np.argmax(durations))
+        raise _wrong(f"frame {frame} lasts {durations[frame]:g} s", path, "Mend its duration, or cut the clip there")
     q = _pose_vectors(values, path)
     even = np.abs(durations * rate - 1) < 1e-3
     try:

@@ -17,7 +17,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError, unknown_name
-from poseloom.formats._files import decode, read_bytes, split_lines
+from poseloom.formats._files import decode, read_bytes, reading, split_lines
 from poseloom.formats.clocks import Clock, read_clock
 from poseloom.formats.column_names import TIME_UNITS
 from poseloom.formats.flex_headers import PASSED_OVER, TIME_COLUMN, Heading, is_sensor_word, read_heading
@@ -123,36 +123,47 @@ def read_flex_log(
             made out, or the values are no readings of a converter.
     """
     file = Path(path)
+    with reading(file, "a log of flex sensors"):
+        return _read(file, layout, columns, rate, unit, skeleton or average_body(), values, full_scale)
+
+
+def _read(
+    file: Path,
+    layout: SensorLayout,
+    columns: Sequence[str],
+    rate: float | None,
+    unit: float | None,
+    body: Skeleton,
+    values: str,
+    full_scale: float | None,
+) -> tuple[Recording, LogNotes]:
     names = _flex_names(layout, file)
     lines = [_stamp(line) for line in split_lines(decode(read_bytes(file)).replace("\0", ""))]
     found = _Lines()
-    header, reading = _reading(lines, columns, names, file)
+    header, form = _reading(lines, columns, names, file)
     for at, (stamp, text) in enumerate(lines):
         if text and at != header and not text.startswith("#") and (header < 0 or text != lines[header][1]):
             found.seen += 1
-            _take(stamp, text, reading, found, at + 1)
+            _take(stamp, text, form, found, at + 1)
     _check_yield(found, names, file)
-    try:
-        counted = as_counts(
-            np.array(found.values),
-            next((heading.values for heading in reading.headings if heading.values and heading.name in names), ""),
-            values,
-            full_scale,
-        )
-    except FormatError as error:
-        raise error.at(file) from None
+    counted = as_counts(
+        np.array(found.values),
+        next((heading.values for heading in form.headings if heading.values and heading.name in names), ""),
+        values,
+        full_scale,
+    )
     counts = counted.counts
     beyond = (counts < 0) | (counts > TOP)
     if beyond.any():
         found.wrong["a count beyond 0 to 4095 (taken as missing)"] += int(beyond.any(axis=1).sum())
         counts = np.where(beyond, np.nan, counts)
-    clock = _clock(found, rate, unit, reading, file)
+    clock = _clock(found, rate, unit, form, file)
     found.wrong["a time out of order"] += len(counts) - len(clock.kept)
     found.skipped += len(counts) - len(clock.kept)
     _check_skipped(found, file)
     told = {what: count for what, count in found.wrong.items() if count}
-    notes = LogNotes(found.seen, len(clock.kept), told, clock, _said(reading, counted.said))
-    return _recording(file, layout, skeleton or average_body(), counts[clock.kept], notes), notes
+    notes = LogNotes(found.seen, len(clock.kept), told, clock, _said(form, counted.said))
+    return _recording(file, layout, body, counts[clock.kept], notes), notes
 
 
 def _flex_names(layout: SensorLayout, file: Path) -> tuple[str, ...]:
@@ -241,10 +252,10 @@ def _rising(rows: list[list[str]]) -> int:
     return rising[0] if len(rising) == 1 else 0
 
 
-def _take(stamp: str, text: str, reading: _Layout, found: _Lines, line: int) -> None:
+def _take(stamp: str, text: str, form: _Layout, found: _Lines, line: int) -> None:
     """Adds one line to the good ones, or to the tally."""
     labels = _LABELLED.findall(text)
-    names = reading.names
+    names = form.names
     if len(labels) >= len(names):
         try:
             headings = read_heading([label for label, _ in labels], names)
@@ -253,13 +264,13 @@ def _take(stamp: str, text: str, reading: _Layout, found: _Lines, line: int) -> 
             return
         cells = {heading.name: value for heading, (_, value) in zip(headings, labels, strict=True)}
     else:
-        parts = split_cells(text, reading.delimiter)
-        while len(parts) > len(reading.headings) and not parts[-1]:
+        parts = split_cells(text, form.delimiter)
+        while len(parts) > len(form.headings) and not parts[-1]:
             parts.pop()
-        if len(parts) != len(reading.headings):
+        if len(parts) != len(form.headings):
             found.skip("a line of another length", line)
             return
-        cells = {heading.name: part for heading, part in zip(reading.headings, parts, strict=True)}
+        cells = {heading.name: part for heading, part in zip(form.headings, parts, strict=True)}
     told = cells.get(TIME, stamp)
     time = _moment(told) if told or TIME in cells else math.nan
     values = [_value(cells[name]) for name in names]
@@ -283,13 +294,13 @@ def _moment(text: str) -> float | None:
     return float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else clock_seconds(text)
 
 
-def _clock(found: _Lines, rate: float | None, unit: float | None, reading: _Layout, file: Path) -> Clock:
+def _clock(found: _Lines, rate: float | None, unit: float | None, form: _Layout, file: Path) -> Clock:
     if math.isnan(found.times[0]):
         if rate is None:
             raise FormatError("its lines carry no time", remedy="Say how many come a second (--rate 20)", file=file)
         places = np.array(found.places)
         return Clock((places - places[0]) / rate, np.arange(len(places)), float(rate), 1 / rate, ())
-    named = next((heading.unit for heading in reading.headings if heading.unit), "")
+    named = next((heading.unit for heading in form.headings if heading.unit), "")
     clock = read_clock(np.array(found.times), unit or TIME_UNITS.get(named), file)
     if unit is None and named and not 0.5 <= clock.rate <= 5000:
         raise FormatError(
@@ -300,8 +311,8 @@ def _clock(found: _Lines, rate: float | None, unit: float | None, reading: _Layo
     return clock
 
 
-def _said(reading: _Layout, values: str) -> str:
-    order = ", ".join(heading.name for heading in reading.headings)
+def _said(form: _Layout, values: str) -> str:
+    order = ", ".join(heading.name for heading in form.headings)
     return f"columns {order}; values are {values}"
 
 

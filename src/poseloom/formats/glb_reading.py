@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats
-from poseloom.errors import FormatError, PoseloomError
-from poseloom.formats._files import read_bytes
+from poseloom.errors import FormatError
+from poseloom.formats._files import read_bytes, reading
 from poseloom.rotations import rotvec_from_quat, unwrap_rotvec
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import Skeleton, make_skeleton
@@ -28,6 +28,11 @@ def read_glb(path: Path) -> Motion:
         FormatError: for a file that is damaged, or another program's: those may move anything in any way.
         SkeletonError: for an impossible hierarchy.
     """
+    with reading(path, "a motion"):
+        return _read(path)
+
+
+def _read(path: Path) -> Motion:
     content, blob = _chunks(read_bytes(path), path)
     if str(content.get("asset", {}).get("generator", "")) != "poseloom":
         raise FormatError(
@@ -38,8 +43,6 @@ def read_glb(path: Path) -> Motion:
         )
     try:
         return _motion(content, blob, path.stem)
-    except PoseloomError as error:
-        raise error.at(path) from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise _damaged(path, f"its parts do not fit together ({type(error).__name__})") from None
 

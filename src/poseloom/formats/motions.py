@@ -153,7 +153,7 @@ def _is_json(path: Path) -> bool:
 def _is_number(field: bytes) -> bool:
     try:
         return isinstance(json.loads(field), int | float)
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
 
 

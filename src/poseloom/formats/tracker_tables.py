@@ -14,6 +14,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
+from poseloom.formats._files import reading
 from poseloom.formats.column_map import ColumnMap
 from poseloom.formats.column_names import LENGTH_UNITS, OTHER, POSITION, QUAT, Column, words_of
 from poseloom.formats.imus.quaternions import ORDERS, level
@@ -99,11 +100,8 @@ def read_tracker_table(
             nothing says, and a unit, up axis or handedness that cannot be.
     """
     file = Path(path)
-    table = read_table(file)
-    try:
-        return _recording(table, choices, skeleton or average_body())
-    except FormatError as error:
-        raise error if error.file else error.at(file) from None
+    with reading(file, "a table of trackers"):
+        return _recording(read_table(file), choices, skeleton or average_body())
 
 
 def _recording(table: Table, choices: TrackerChoices, body: Skeleton) -> tuple[Recording, tuple[str, ...]]:

@@ -4,12 +4,12 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from poseloom.arrays import Array, Bools
-from poseloom.errors import LibraryError, MethodError, PoseloomError
+from poseloom.errors import FormatError, LibraryError, MethodError, PoseloomError
 from poseloom.formats.session_recording import MethodStart, SessionRecording
 from poseloom.library import open_library
 from poseloom.methods.alignment import Alignment
@@ -17,6 +17,7 @@ from poseloom.methods.choose import Library, Method, choose, method_name
 from poseloom.methods.fold import Engine
 from poseloom.methods.reconstruction import Course, Progress, Reconstruction, run_course
 from poseloom.methods.registry import METHODS, needs_library, needs_model
+from poseloom.sensors.recording import Recording
 from poseloom.skeleton.motion import Motion
 from poseloom.skeleton.resample import even_motion
 
@@ -82,7 +83,7 @@ def plan_reprocessing(
         PoseloomError: if the method does not fit, or its library or model is not where the session had it.
     """
     recording, differences = session.recording, list[str]()
-    told: dict[str, Any] = json.loads(recording.settings.get(CONFIGURATION, "{}"))
+    told = _configuration(recording)
     starts = session.starts or (MethodStart(0, ""),)
     own = {start.method for start in session.starts}
     if method is not None and own - {method_name(method)}:
@@ -168,8 +169,23 @@ def _known(name: str) -> str | None:
     return name or None
 
 
+def _configuration(recording: Recording) -> dict[str, str]:
+    """How the session was set up, as far as words say; raises FormatError where the recording holds no such thing."""
+    try:
+        told = json.loads(recording.settings.get(CONFIGURATION, "{}"))
+        if isinstance(told, dict):
+            settings = cast(dict[str, object], told)
+            return {key: value for key, value in settings.items() if isinstance(value, str)}
+    except (ValueError, RecursionError):
+        pass
+    raise FormatError(
+        f"what recording {recording.name!r} says of its session's settings is damaged",
+        remedy="Say the method, and its library or model, for the recording anew (poseloom reconstruct)",
+    )
+
+
 def _of_session(
-    method: Method | None, told: dict[str, Any], library: Library | None, model: str | Path | None
+    method: Method | None, told: dict[str, str], library: Library | None, model: str | Path | None
 ) -> tuple[Library | None, str | Path | None]:
     """Library and model for a method: as given, or where the session had them."""
     if not isinstance(method, str):

@@ -88,7 +88,7 @@ def read_settings(path: Path, flags: Mapping[str, Any]) -> LiveSettings:
         content = tomllib.loads(read_bytes(path).decode("utf-8"))
     except RecursionError:
         raise FormatError("this is nested without end", remedy="Mend the file", file=path) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise FormatError("this is no TOML", cause=str(error), remedy="Mend the file", file=path) from None
     return make_settings({**{key: _checked(key, value, path) for key, value in content.items()}, **_given(flags)})
 

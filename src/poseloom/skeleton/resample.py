@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from poseloom.arrays import Array, Floats, Ints, frozen_float
+from poseloom.arrays import Array, Floats, Ints, exceeds_room, frozen_float
 from poseloom.errors import PoseloomError
 from poseloom.rotations import nearest_branch, quat_from_rotvec, rotvec_from_quat, slerp
 from poseloom.skeleton.motion import Motion, make_motion
@@ -24,12 +24,19 @@ def resample(motion: Motion, rate: float) -> Motion:
     is no smoothing: speeds above half the new rate fold.
 
     Raises:
-        PoseloomError: if `rate` is not positive and finite.
+        PoseloomError: if `rate` is not positive and finite, or so far above the motion's own that memory would not do.
     """
     if not (np.isfinite(rate) and rate > 0):
         raise PoseloomError(f"cannot resample to {rate} frames a second", remedy="Give a positive, finite rate")
     if rate == motion.rate:
         return motion
+    if exceeds_room(len(motion) / motion.rate * rate, len(motion), motion.skeleton.size):
+        raise PoseloomError(
+            f"{len(motion)} frames at {motion.rate:g} Hz last {len(motion) / motion.rate:.4g} s, "
+            f"too long to be put at {rate:g} Hz",
+            cause="the motion's rate is wrong",
+            remedy="Mend its rate, or cut it",
+        )
     before, fraction = frame_instants(len(motion), motion.rate, float(rate))
     after = np.minimum(before + 1, len(motion) - 1)
     q = motion.q[before]
@@ -66,12 +73,22 @@ def even_motion(
     """Poses at any times as a motion at a rate: as they are where their times are even, else between neighbours.
 
     A pose whose time is not after all those before it is left out.
+
+    Raises:
+        PoseloomError: where a gap in the times is too long to be filled.
     """
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(times)) > 0])
     times, q = times[rising], q[rising]
     places = (times - times[0]) * rate
     if len(times) < 2 or np.abs(places - np.arange(len(times))).max() <= _EVEN:
         return make_motion(skeleton, q, rate, name)
+    if exceeds_room(float(places[-1]), len(times), q.shape[1]):
+        widest = int(np.argmax(np.diff(times)))
+        raise PoseloomError(
+            f"{len(times)} poses span {times[-1] - times[0]:.4g} s, too long to be filled at {rate:g} Hz",
+            cause=f"{np.diff(times)[widest]:.4g} s lie between pose {widest} and the next",
+            remedy="Cut the recording at that gap",
+        )
     wanted = np.arange(int(np.floor(places[-1])) + 1)
     before = np.clip(np.searchsorted(places, wanted, side="right") - 1, 0, len(times) - 2)
     share = (wanted - places[before]) / (places[before + 1] - places[before])

@@ -164,7 +164,7 @@ def sensors_from_json(text: str) -> FlexSensors:
         loose, lost = float(content["loose"]), float(content["lost_lines"])
         sensors = replace(replace(FlexSensors(), **figures), loose=loose, lost_lines=lost, board=board)
         check_sensors(sensors)
-    except (ValueError, KeyError, TypeError, PoseloomError) as error:
+    except (PoseloomError, ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         raise FormatError(
             "these are not the figures of flex sensors",
             cause=str(error),

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 
-from poseloom.errors import SensorError
+from poseloom.errors import PoseloomError, SensorError
 from poseloom.formats.recording_header import placements_from_json, placements_to_json
 from poseloom.rotations import matrix_from_rotvec
 from poseloom.sensors.layout import SensorKind, SensorLayout
@@ -28,11 +28,24 @@ def true_placements(recording: Recording) -> tuple[Placement, ...]:
     """Where the sensors of a simulated recording really sat: what calibration should find.
 
     That is where the recording says, unless it was simulated with a placement error.
+
+    Raises:
+        SensorError: where what the recording says of them is no placement of each of its sensors.
     """
     text = recording.settings.get(TRUE_PLACEMENTS)
     if text is None:
         return recording.placements
-    return placements_from_json(json.loads(text))
+    try:
+        placements = placements_from_json(json.loads(text))
+        if len(placements) != len(recording.layout):
+            raise ValueError(f"{len(placements)} placements of {len(recording.layout)} sensors")
+    except (PoseloomError, ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+        raise SensorError(
+            "what the recording says of its true placements is damaged",
+            cause=str(error)[:160],
+            remedy="Get the recording again, or simulate it anew",
+        ) from None
+    return placements
 
 
 def check_wearer(motion: Motion, layout: SensorLayout, kind: SensorKind) -> None:

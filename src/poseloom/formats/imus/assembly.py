@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from poseloom.arrays import Array, Bools, Floats
+from poseloom.arrays import Array, Bools, Floats, exceeds_room
 from poseloom.errors import FormatError, SensorError
 from poseloom.formats.imus.tracks import ImuTrack
 from poseloom.rotations import matrix_from_quat
@@ -74,6 +74,15 @@ def assemble_imus(
             remedy="Choose --start below --stop, and within the recording",
         )
     length = min(stop, end - begin) - start
+    if exceeds_room(length * rate, max(len(track) for track in tracks), 10 * len(tracks)):
+        longest = max(tracks, key=lambda track: float(np.diff(track.times).max()))
+        gap = int(np.argmax(np.diff(longest.times)))
+        raise FormatError(
+            f"the sensors have {length:.4g} s in common, too long for a recording at {rate:g} Hz",
+            cause=f"after {longest.times[gap] - begin:.4g} s come {np.diff(longest.times)[gap]:.4g} s without a sample",
+            remedy="Choose --start and --stop, or correct the times",
+            file=longest.file,
+        )
     times = np.arange(math.floor(length * rate + 1e-6) + 1) / rate
     forces, rates, quats = (np.full((len(times), len(tracks), width), np.nan) for width in (3, 3, 4))
     for index, track in enumerate(tracks):
