@@ -6,7 +6,6 @@ Needs Chromium and the extra dev (playwright). Six simulated trackers at 60 Hz, 
 """
 
 import argparse
-import os
 import tempfile
 import threading
 import time
@@ -18,6 +17,7 @@ import numpy as np
 from photograph_viewer import DESK, opened_page
 from playwright.sync_api import sync_playwright
 
+from poseloom.benchmark.memory import resident_memory
 from poseloom.live.contract import Post, SessionFacts, Stop, Update
 from poseloom.live.session import Session, SessionPlan
 from poseloom.live.source_replay import ReplaySource
@@ -90,7 +90,7 @@ def main() -> None:
 
 def reload_often(page: object, sink: Timed, reloads: int) -> None:
     """Loads the page again and again, and tells what of each visit is left."""
-    before = megabytes()
+    before = resident_memory()
     for turn in range(reloads):
         page.reload()  # type: ignore[attr-defined]
         page.get_by_role("button", name="Record").first.wait_for()  # type: ignore[attr-defined]
@@ -98,7 +98,7 @@ def reload_often(page: object, sink: Timed, reloads: int) -> None:
             time.sleep(1.0)
             server = sink.viewer._server.viser
             print(
-                f"after {turn + 1} reloads: {megabytes() - before:+.1f} MB, {threading.active_count()} threads, "
+                f"after {turn + 1} reloads: {resident_memory() - before:+.1f} MB, {threading.active_count()} threads, "
                 f"{len(server.get_clients())} visitor, "
                 f"{len(server._websock_server._broadcast_buffer.message_from_id)} messages kept"
             )
@@ -130,11 +130,6 @@ def with_session(during: Callable[[Timed, Session], None], viewed: bool = True) 
         if not viewed:
             sink.close()
     return np.round(found[0].latency, 2)
-
-
-def megabytes() -> float:
-    """Memory that this process holds."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 if __name__ == "__main__":

@@ -60,6 +60,7 @@ def _seconds(code: str, *arguments: Path, **environment: str) -> float:
         [sys.executable, "-c", code, *map(str, arguments)],
         capture_output=True,
         text=True,
+        encoding="utf-8",
         env={**os.environ, **environment},
         check=False,
     )

@@ -3,6 +3,8 @@
 Command modules import heavy parts inside their functions, so that `poseloom --help` answers at once.
 """
 
+import errno
+import io
 import os
 import sys
 from importlib import import_module
@@ -57,14 +59,13 @@ def run(argv: list[str]) -> int:
     without a traceback), 130 for an interrupt, 1 for a closed pipe. Any other exception is a defect of poseloom's and
     passes through.
     """
+    _print_anything()
     try:
         return _run(argv)
     except PoseloomError as error:
         return _fail(str(error))
-    except BrokenPipeError:
-        return 1
     except OSError as error:
-        return _fail(_system_message(error))
+        return 1 if _reader_gone(error) else _fail(_system_message(error))
     except KeyboardInterrupt:
         return 130
     finally:
@@ -113,9 +114,25 @@ def _system_message(error: OSError) -> str:
     )
 
 
+def _print_anything() -> None:
+    """Lets a letter that the terminal's or the pipe's encoding lacks (cp1252 on Windows) become `?`, not an error."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="replace")
+
+
+def _reader_gone(error: OSError) -> bool:
+    """Whether who read our output has gone away. Windows calls that an invalid argument, without a file."""
+    return isinstance(error, BrokenPipeError) or (
+        sys.platform == "win32" and error.errno == errno.EINVAL and error.filename is None
+    )
+
+
 def _close_stdout() -> None:
     # A reader that has gone away (`poseloom info x | head -1`) must not become a message when the interpreter exits.
     try:
         sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError as error:
+        if not _reader_gone(error):
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

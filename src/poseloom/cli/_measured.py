@@ -30,10 +30,13 @@ def recordings_of(data: Path | None) -> Path:
 
 def running_commit() -> str:
     """The commit that the program runs from, if it runs from one."""
-    answer = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        capture_output=True, text=True, check=False, cwd=Path(os.path.realpath(__file__)).parent,
-    )  # fmt: skip
+    try:
+        answer = subprocess.run(
+            ["git", "describe", "--always", "--dirty"],
+            capture_output=True, text=True, encoding="utf-8", check=False, cwd=Path(os.path.realpath(__file__)).parent,
+        )  # fmt: skip
+    except OSError:  # no git
+        return "unknown"
     return answer.stdout.strip() if answer.returncode == 0 else "unknown"
 
 

@@ -124,7 +124,7 @@ def run_live(settings: "LiveSettings") -> "SessionSummary":
 
 
 def _run(plan: "SessionPlan") -> "SessionSummary":
-    """Runs a plan; Ctrl-C ends it in order, a second one at once."""
+    """Runs a plan; Ctrl-C ends it in order, a second one at once; so do Ctrl-Break and a closed terminal."""
     import signal
 
     from poseloom.live.responsiveness import responsive_process
@@ -136,7 +136,10 @@ def _run(plan: "SessionPlan") -> "SessionSummary":
         signal.signal(number, before[signal.Signals(number)])
         session.stop()
 
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    # SIGHUP: Unix; SIGBREAK: Windows. What is ignored stays so: nohup ignores SIGHUP.
+    named = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")]
+    heeded = [number for number in named if number is not None and signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, end) for number in heeded}
     try:
         with responsive_process():
             return session.run()

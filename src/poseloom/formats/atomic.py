@@ -2,11 +2,17 @@
 
 import errno
 import secrets
-from collections.abc import Generator
+import sys
+import time
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
 from poseloom.errors import PoseloomError
+
+_TRIES = 20
+_PAUSE = 0.05
+"""Tries, and seconds between them, to move what another program has open: one second in all."""
 
 
 def check_folder(target: Path, kind: type[PoseloomError] = PoseloomError) -> None:
@@ -29,6 +35,24 @@ def naming(target: str | Path) -> Generator[None, None, None]:
         raise
 
 
+def patiently(move: Callable[[], object]) -> None:
+    """Moves a file or folder; on Windows tries again for a second while another program has it open.
+
+    There a file that is open can be neither replaced nor moved, and virus scanners and indexers open whatever is new.
+
+    Raises:
+        OSError: what the last try raised.
+    """
+    for left in reversed(range(_TRIES if sys.platform == "win32" else 1)):
+        try:
+            move()
+            return
+        except PermissionError:
+            if left == 0:
+                raise
+            time.sleep(_PAUSE)
+
+
 @contextmanager
 def atomic_file(target: str | Path) -> Generator[Path, None, None]:
     """A temporary path beside the target, to write to; its file takes the target's place when the block ends well.
@@ -44,6 +68,6 @@ def atomic_file(target: str | Path) -> Generator[Path, None, None]:
     try:
         with naming(path):
             yield part
-            part.replace(path)
+            patiently(lambda: part.replace(path))
     finally:
         part.unlink(missing_ok=True)

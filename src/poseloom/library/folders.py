@@ -3,12 +3,13 @@
 import os
 import shutil
 import sqlite3
+import sys
 from collections.abc import Generator, Iterable
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 from poseloom.errors import LibraryError
-from poseloom.formats.atomic import naming
+from poseloom.formats.atomic import naming, patiently
 
 LOCK_FILE = ".lock"
 
@@ -17,10 +18,11 @@ _GENERATION = "generation-"
 
 def to_disk(path: Path) -> None:
     """Forces a file, or a folder's list of files, to the disk (folders: where the system can)."""
-    if path.is_dir() and os.name == "nt":
+    windows = sys.platform == "win32"
+    if windows and path.is_dir():
         return
     with naming(path):
-        handle = os.open(path, os.O_RDONLY)
+        handle = os.open(path, os.O_RDWR if windows else os.O_RDONLY)  # Windows forces only what it may write
         try:
             os.fsync(handle)
         finally:
@@ -77,7 +79,12 @@ def new_folder(target: Path) -> Generator[Path, None, None]:
     try:
         with writing(part):
             yield part
-            part.rename(target)
+            if sys.platform != "win32":
+                part.rename(target)
+        if sys.platform == "win32":  # it renames no folder in which a file is open, and onto no folder
+            if target.is_dir():
+                target.rmdir()
+            patiently(lambda: part.rename(target))
         to_disk(target.parent)
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)

@@ -18,6 +18,8 @@ Result = TypeVar("Result")
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _AHEAD = 8
+_MOST_WORKERS = 61
+"""Windows waits for no more processes at once."""
 
 
 def in_order(function: Callable[[Item], Result], items: Sequence[Item], workers: int) -> Iterator[Result]:
@@ -37,10 +39,9 @@ def in_order(function: Callable[[Item], Result], items: Sequence[Item], workers:
     if min(workers, len(items)) <= 1:
         yield from map(function, items)
         return
+    workers = min(workers, len(items), _MOST_WORKERS)
     with _one_thread_each():
-        pool = ProcessPoolExecutor(
-            min(workers, len(items)), mp_context=multiprocessing.get_context("spawn"), initializer=_prepare
-        )
+        pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_prepare)
         try:
             yield from _windowed(pool, function, items, _AHEAD * workers)
         except BrokenProcessPool:

@@ -1,10 +1,14 @@
 """A UDP port that is listened to: each datagram with the time at which the system received it."""
 
 import asyncio
+import select
 import socket
 import struct
+import sys
+import threading
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 from poseloom.errors import SensorError
 
@@ -19,9 +23,34 @@ _TOO_OLD = 0.5
 """Seconds that a datagram of a flood may have waited. A flood fills the system's buffer with what takes seconds to
 read; what is of now must not wait behind it."""
 
-# Numbers of Linux; where the system does not know them, arrival is the moment of reading and no loss is told.
-_TIMESTAMPS = getattr(socket, "SO_TIMESTAMPNS", 35)
-_OVERFLOWS = getattr(socket, "SO_RXQ_OVFL", 40)
+_WAIT = 0.1
+"""Seconds for which the thread of an event loop without readers waits at most, so that it can be ended."""
+
+
+class Stamps(NamedTuple):
+    """How a system reports when it received a datagram, and how many it dropped.
+
+    Attributes:
+        option: The socket option that asks for times.
+        message: Type of the control message that brings one.
+        layout: Its two numbers, as `struct` has them: seconds, and parts of a second ...
+        part: ... of so many seconds.
+        overflows: Option and message of the number of datagrams dropped so far; None where the system has none.
+    """
+
+    option: int
+    message: int
+    layout: str
+    part: float
+    overflows: int | None
+
+
+# Numbers of the systems' headers, for Python names few of them. Elsewhere (Windows) the arrival is the moment of
+# reading, and no loss is reported.
+SYSTEMS = {
+    "linux": Stamps(35, 35, "ll", 1e-9, 40),  # SO_TIMESTAMPNS (timespec), SO_RXQ_OVFL
+    "darwin": Stamps(0x0400, 0x02, "li", 1e-6, None),  # SO_TIMESTAMP, SCM_TIMESTAMP (timeval)
+}
 
 HearDatagram = Callable[[bytes, float, str], None]
 """Called with the bytes, the monotonic time of arrival in seconds, and the sender."""
@@ -29,6 +58,9 @@ HearDatagram = Callable[[bytes, float, str], None]
 
 class DatagramPort:
     """Listens on one address, on the running event loop, as an asynchronous context manager.
+
+    Runs on every system and loop: where the loop watches no sockets (Proactor on Windows) a thread waits in its place,
+    and where the system stamps no datagrams their arrival is the moment at which they are read.
 
     Args:
         host: The address to bind to; the loopback unless a person asks otherwise.
@@ -41,16 +73,26 @@ class DatagramPort:
         self._address = (host, port)
         self._hear = hear
         self._lost = lost
+        self._stamps = system_stamps()
         self._dropped = 0
         self._batches = 0
+        self._emptied = time.monotonic()
+        self._thread: _WaitingThread | None = None
 
     async def __aenter__(self) -> "DatagramPort":
         self._socket = open_port(*self._address)
-        asyncio.get_running_loop().add_reader(self._socket, self._read)
+        self._emptied = time.monotonic()
+        try:
+            asyncio.get_running_loop().add_reader(self._socket, self._read)
+        except NotImplementedError:
+            self._thread = _WaitingThread(self._socket, self._read)
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        asyncio.get_running_loop().remove_reader(self._socket)
+        if self._thread is None:
+            asyncio.get_running_loop().remove_reader(self._socket)
+        else:
+            await asyncio.to_thread(self._thread.end)
         self._socket.close()
 
     @property
@@ -61,36 +103,84 @@ class DatagramPort:
     def _read(self) -> None:
         for _ in range(_AT_ONCE):
             try:
-                data, extra, _flags, sender = self._socket.recvmsg(_LARGEST, 128)
+                data, extra, sender = self._receive()
             except (BlockingIOError, InterruptedError):
                 self._batches = 0
+                self._emptied = time.monotonic()
                 return
             except OSError:
                 return  # an earlier answer could not be delivered; what comes next is not touched by it
-            arrival = self._arrival(extra)
-            if self._batches >= _FLOOD and time.monotonic() - arrival > _TOO_OLD:
+            now = time.monotonic()
+            arrival = self._arrival(extra, now)
+            # Without a stamp it may have waited since the buffer was empty last.
+            oldest = self._emptied if arrival is None else arrival
+            if self._batches >= _FLOOD and now - oldest > _TOO_OLD:
                 self._lost(1)
             else:
-                self._hear(data, arrival, f"{sender[0]}:{sender[1]}")
+                self._hear(data, now if arrival is None else arrival, f"{sender[0]}:{sender[1]}")
         self._batches += 1
 
-    def _arrival(self, extra: list[tuple[int, int, bytes]]) -> float:
-        now = time.monotonic()
-        arrival = now
+    def _receive(self) -> tuple[bytes, list[tuple[int, int, bytes]], tuple[str, int]]:
+        if self._stamps is None:
+            data, sender = self._socket.recvfrom(_LARGEST)
+            return data, [], sender
+        data, extra, _flags, sender = self._socket.recvmsg(_LARGEST, 128)
+        return data, extra, sender
+
+    def _arrival(self, extra: list[tuple[int, int, bytes]], now: float) -> float | None:
+        """When the system received a datagram, in monotonic seconds; None if it does not report it."""
+        stamps, arrival = self._stamps, None
         for level, kind, data in extra:
-            if level != socket.SOL_SOCKET:
+            if level != socket.SOL_SOCKET or stamps is None:
                 continue
-            if kind == _TIMESTAMPS and len(data) >= 16:
-                seconds, nanoseconds = struct.unpack_from("qq", data)
-                age = time.time() - seconds - 1e-9 * nanoseconds
+            if kind == stamps.message and len(data) >= struct.calcsize(stamps.layout):
+                seconds, parts = struct.unpack_from(stamps.layout, data)
+                age = time.time() - seconds - stamps.part * parts
                 # The stamp is of the wall clock, which may have been set since.
                 arrival = now - age if 0.0 <= age < 1.0 else now
-            elif kind == _OVERFLOWS and len(data) >= 4:
+            elif kind == stamps.overflows and len(data) >= 4:
                 total = int(struct.unpack_from("I", data)[0])
                 if total > self._dropped:
                     self._lost(total - self._dropped)
                 self._dropped = total
         return arrival
+
+
+class _WaitingThread:
+    """Waits for a socket in place of a loop that cannot, and lets the loop read it."""
+
+    def __init__(self, waited: socket.socket, read: Callable[[], None]) -> None:
+        self._socket, self._read = waited, read
+        self._loop = asyncio.get_running_loop()
+        self._ended, self._taken = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._wait, name="datagrams", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Ends the thread."""
+        self._ended.set()
+        self._taken.set()
+        self._thread.join()
+
+    def _wait(self) -> None:
+        while not self._ended.is_set():
+            if select.select([self._socket], [], [], _WAIT)[0]:
+                self._taken.clear()
+                self._loop.call_soon_threadsafe(self._take)
+                while not (self._taken.wait(_WAIT) or self._ended.is_set()):
+                    pass
+
+    def _take(self) -> None:
+        try:
+            if not self._ended.is_set():
+                self._read()
+        finally:
+            self._taken.set()
+
+
+def system_stamps() -> Stamps | None:
+    """How this system stamps datagrams; None where it does not, or Python cannot read the stamps."""
+    return SYSTEMS.get(sys.platform) if hasattr(socket.socket, "recvmsg") else None
 
 
 def open_port(host: str, port: int) -> socket.socket:
@@ -105,9 +195,9 @@ def open_port(host: str, port: int) -> socket.socket:
     except OSError as error:
         raise _refused(host, port, error) from None
     try:
-        for option in ((socket.SO_RCVBUF, _BUFFER), (_TIMESTAMPS, 1), (_OVERFLOWS, 1)):
+        for option, value in _options():
             try:
-                opened.setsockopt(socket.SOL_SOCKET, *option)
+                opened.setsockopt(socket.SOL_SOCKET, option, value)
             except OSError:
                 continue  # a system without it: see above
         opened.bind((host, port))
@@ -116,6 +206,15 @@ def open_port(host: str, port: int) -> socket.socket:
         raise _refused(host, port, error) from None
     opened.setblocking(False)
     return opened
+
+
+def _options() -> list[tuple[int, int]]:
+    stamps = system_stamps()
+    options = [(socket.SO_RCVBUF, _BUFFER)]
+    if stamps is not None:
+        options += [(option, 1) for option in (stamps.option, stamps.overflows) if option is not None]
+    exclusive = getattr(socket, "SO_EXCLUSIVEADDRUSE", None)  # Windows: else another program may take the port over
+    return options if exclusive is None else [*options, (exclusive, 1)]
 
 
 def _refused(host: str, port: int, error: OSError) -> SensorError:

@@ -42,7 +42,8 @@ class SerialSource:
 
     Args:
         layout: The flex sensors, in the order of the numbers.
-        device: The line's device, such as `/dev/ttyACM0` or `COM3`.
+        device: The device, such as `/dev/ttyACM0` or `COM3`; or `socket://HOST:PORT`, a line that another program
+            passes on by TCP (as ser2net does).
         baud: Bits a second.
     """
 
@@ -87,7 +88,8 @@ class SerialSource:
             while not ended.is_set():
                 try:
                     data = bytes(port.read(1))
-                    data += bytes(port.read(min(int(port.in_waiting), _AT_ONCE))) if data else b""
+                    while data and len(data) < _AT_ONCE and (waiting := int(port.in_waiting)):
+                        data += bytes(port.read(min(waiting, _AT_ONCE - len(data))))
                 except (OSError, TypeError):  # pyserial: TypeError where another thread closed the line
                     loop.call_soon_threadsafe(listener.note, f"{self.name} has gone away; waiting for it", True)
                     reopened = self._wait_for_line(ended)
@@ -120,7 +122,7 @@ class SerialSource:
 
     def _open(self) -> Any:
         try:
-            return serial.Serial(self.device, self.baud, timeout=_WAIT)
+            return serial.serial_for_url(self.device, self.baud, timeout=_WAIT)
         except (OSError, ValueError):
             return None
 

@@ -122,7 +122,9 @@ def _port(bind: str, port: int | None) -> int:
         try:
             family, _, _, _, address = socket.getaddrinfo(bind, candidate, type=socket.SOCK_STREAM)[0]
             with socket.socket(family, socket.SOCK_STREAM) as trial:
-                trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                # On Windows SO_REUSEADDR would share a port that another program listens at.
+                exclusive = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
+                trial.setsockopt(socket.SOL_SOCKET, exclusive, 1)
                 trial.bind(address)
         except (OSError, OverflowError) as error:
             reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)

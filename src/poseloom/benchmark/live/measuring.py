@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from poseloom.benchmark.memory import resident_memory
 from poseloom.live.contract import Counters
 from poseloom.live.delays import BIN_COUNT, Delays
 from poseloom.live.responsiveness import responsive_process
@@ -24,12 +24,12 @@ class Reading:
 
     Attributes:
         time: Seconds since it began.
-        memory: Resident memory of the process, MB; 0 where the system does not tell.
+        memory: Resident memory of the process, MB.
         bins: Those bins of `Delays` into which delays fell since the look before. A long session is looked at often:
             whole histograms would look like a session that grows.
         counts: How many fell into each.
         counters: Totals so far.
-        load: Processes that want a core, over the last minute.
+        load: Processes that want a core, over the last minute; 0 where the system does not report it.
         cpu: Seconds of a core that the process has used.
     """
 
@@ -69,7 +69,7 @@ class Watched:
                 bins.astype(np.int16),
                 fresh[bins].astype(np.uint32),
                 self.session.counters,
-                os.getloadavg()[0],
+                os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0,
                 time.process_time(),
             )
         )
@@ -122,16 +122,6 @@ def _look(watched: list[Watched], ended: threading.Event, every: float) -> None:
     while not ended.wait(every):
         for each in watched:
             each.look(time.monotonic() - began)
-
-
-def resident_memory() -> float:
-    """Resident memory of this process, MB; 0 where the system does not tell."""
-    status = Path("/proc/self/status")
-    if status.is_file():
-        for line in status.read_text().splitlines():
-            if line.startswith("VmRSS:"):
-                return int(line.split()[1]) / 1024
-    return 0.0
 
 
 def wait_until(condition: Callable[[], bool], seconds: float) -> bool:

@@ -96,7 +96,7 @@ def device(
     command += [] if seconds is None else ["--seconds", f"{seconds:g}"]
     for fault in faults:
         command += ["--fault", fault]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, encoding="utf-8")
     assert process.stdout is not None
     process.stdout.readline()
     return Device(process)
@@ -118,7 +118,9 @@ with connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) a
 @contextmanager
 def visitor(viewer: SessionViewer) -> Generator[None]:
     """A process that takes everything that the viewer sends to a browser, and draws nothing."""
-    process = subprocess.Popen([sys.executable, "-c", _VISITOR, viewer.url], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", _VISITOR, viewer.url], stdout=subprocess.PIPE, text=True, encoding="utf-8"
+    )
     assert process.stdout is not None
     process.stdout.readline()
     try:

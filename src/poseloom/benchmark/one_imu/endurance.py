@@ -1,7 +1,6 @@
 """Ten minutes of input: whether a step takes longer, or the state and the memory grow, as time goes on."""
 
 import gc
-import resource
 import sys
 from time import perf_counter
 from typing import NamedTuple
@@ -9,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseloom.arrays import Array, Floats
+from poseloom.benchmark.memory import peak_memory
 from poseloom.benchmark.one_imu.plan import FOOT, OURS, Plan, Progress
 from poseloom.benchmark.one_imu.trials import Question, fit_method, pooled, sequence, training_pairs
 from poseloom.evaluation.rows import Row
@@ -81,5 +81,5 @@ def _run(method: PhaseHmm, heard: Recording, minutes: int) -> _Run:
         gc.collect()
         run.state.append(state_bytes(state))
         run.blocks.append(sys.getallocatedblocks())
-        run.peak.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+        run.peak.append(round(1024 * peak_memory()))
     return run

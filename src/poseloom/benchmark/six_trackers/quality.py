@@ -32,9 +32,10 @@ EFFECT_SEQUENCES, EFFECT_SAMPLES = 8, 100
 """On how much the whole method is run with exact search."""
 
 _SPEED = """
-import json, resource, sys
+import json, sys
 import numpy as np
 import poseloom
+from poseloom.benchmark.memory import peak_memory
 from poseloom.methods import make_method, reconstruct
 library, recording = poseloom.open_library(sys.argv[1]), poseloom.read_recording(sys.argv[2])
 method = make_method(sys.argv[3], recording.layout, library)
@@ -44,7 +45,7 @@ print(json.dumps({
     "steps": len(steps),
     "step_ms_p50": 1e3 * float(np.percentile(steps, 50)),
     "step_ms_p99": 1e3 * float(np.percentile(steps, 99)),
-    "memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+    "memory_gib": peak_memory() / 1024,
 }))
 """
 
@@ -161,7 +162,7 @@ def _measured(folder: Path, recording_file: Path, method: str) -> dict[str, floa
     environment = {**os.environ, **dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")}
     answer = subprocess.run(
         [sys.executable, "-c", _SPEED, str(folder), str(recording_file), method],
-        capture_output=True, text=True, env=environment, check=False,
+        capture_output=True, text=True, encoding="utf-8", env=environment, check=False,
     )  # fmt: skip
     if answer.returncode != 0:
         raise PoseloomError("a process that was to be timed failed", cause=answer.stderr.strip().splitlines()[-1])

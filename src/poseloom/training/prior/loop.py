@@ -193,7 +193,9 @@ def _save(
     with atomic_file(path) as part, part.open("wb") as stream:
         torch.save(content, stream)  # pyright: ignore[reportUnknownMemberType]
     with atomic_file(path.with_suffix(".json")) as part:
-        part.write_text(json.dumps({"settings": asdict(settings), "seed": seed, "curve": curve}, indent=1) + "\n")
+        part.write_text(
+            json.dumps({"settings": asdict(settings), "seed": seed, "curve": curve}, indent=1) + "\n", encoding="utf-8"
+        )
 
 
 def _resume(
