@@ -211,7 +211,7 @@ class Sink:
 class Watched:
     """A monitor on a made-up clock."""
 
-    def __init__(self, text: str = "vmc") -> None:
+    def __init__(self, text: str = "vmc://:39539") -> None:
         self.source = make_source(text)
         self.sink = Sink()
         self.monitor = ArrivalMonitor([self.source], self.sink)
@@ -383,7 +383,7 @@ def wait_for(condition: Callable[[], bool], seconds: float = 60.0) -> None:
 def vmc_session(data: bytes, until: Callable[[Session, Told], bool]) -> tuple[Told, SessionSummary]:
     """A session that receives one packet over and over at 60 Hz until a condition holds."""
     told = Told()
-    session = Session(plan_session(LiveSettings(source=("vmc:0",)), sinks=[told]))
+    session = Session(plan_session(LiveSettings(source=("vmc://:0",)), sinks=[told]))
     done: list[SessionSummary] = []
     thread = threading.Thread(target=lambda: done.append(session.run()))
     thread.start()
@@ -445,13 +445,13 @@ def test_a_session_without_a_usable_sample_ends_with_a_word_and_exit_code_3(
     path = tmp_path / "empty.mcap"
     if kind == "replay":
         empty_recording(path)
-    source = {"vmc": "vmc:0", "udp": "udp:0", "replay": f"replay:{path},speed=4"}[kind]
+    source = {"vmc": "vmc://:0", "udp": "udp://:0", "replay": f"replay://{path}?speed=4"}[kind]
     assert run(["live", "-s", source, "--seconds", "1"]) == 3
     assert "Not a single usable sample has arrived" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_session_with_samples_ends_with_exit_code_0(capsys: pytest.CaptureFixture[str]):
-    assert run(["live", "-s", "simulate:sample:walk", "--seconds", "2"]) == 0
+    assert run(["live", "-s", "simulate://sample:walk", "--seconds", "2"]) == 0
     assert "Not a single" not in capsys.readouterr().out
 
 
@@ -484,8 +484,8 @@ def test_lines_without_a_usable_one_are_said(kind: str, text: str, tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("source", "exposed"),
-    [("vmc", False), ("udp:127.0.0.1:9", False), ("udp:localhost:9", False), ("vmc:0.0.0.0:39539", True),
-     ("udp:0.0.0.0:9870", True), ("udp:192.168.1.5:9870", True)],
+    [("vmc://:39539", False), ("udp://127.0.0.1:9", False), ("udp://localhost:9", False), ("vmc://0.0.0.0:39539", True),
+     ("udp://0.0.0.0:9870", True), ("udp://192.168.1.5:9870", True)],
 )  # fmt: skip
 def test_a_listener_off_the_loopback_says_so_and_how_to_confine_it(source: str, exposed: bool):
     made = make_source(source)
@@ -498,20 +498,20 @@ def test_a_listener_off_the_loopback_says_so_and_how_to_confine_it(source: str, 
 
 def test_the_line_is_said_at_the_start():
     told = Told()
-    session = Session(plan_session(LiveSettings(source=("udp:0.0.0.0:0",), seconds=1.0), sinks=[told]))
+    session = Session(plan_session(LiveSettings(source=("udp://0.0.0.0:0",), seconds=1.0), sinks=[told]))
     summary = session.run()
     assert any("every machine that reaches this one" in notice.text for notice in summary.notices)
     assert any("every machine" in notice.text for facts in told.facts for notice in facts.notices)
 
 
 def test_only_the_named_machines_are_heard():
-    watched = Watched("vmc:0.0.0.0:0,from=192.168.1.20")
+    watched = Watched("vmc://0.0.0.0:0?from=192.168.1.20")
     assert isinstance(watched.source, VmcSource)
     assert watched.source.senders == {"192.168.1.20"}
     with pytest.raises(SensorError, match="from=192"):
-        make_source("vmc,from=somewhere")
+        make_source("vmc://:0?from=somewhere")
     told = Told()
-    session = Session(plan_session(LiveSettings(source=("vmc:127.0.0.1:0,from=192.0.2.1",)), sinks=[told]))
+    session = Session(plan_session(LiveSettings(source=("vmc://127.0.0.1:0?from=192.0.2.1",)), sinks=[told]))
     thread = threading.Thread(target=session.run)
     thread.start()
     (source,) = session.plan.sources

@@ -26,7 +26,7 @@ from poseloom.skeleton.kinematics import motion_frames
 def test_live_then_reconstruct(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write_motion(sample_motions()["walk"].cut(0, 60), tmp_path / "walk.bvh")
     (tmp_path / "live.toml").write_text(
-        f'source = "simulate:{tmp_path}/walk.bvh,once,fault=silent:leftHand:0.3:0.8"\n'
+        f'source = "simulate://{tmp_path}/walk.bvh?once=1&fault=silent:leftHand:0.3:0.8"\n'
         f'record = "{tmp_path}/a.mcap"\nexport = "{tmp_path}/no.bvh"\n'
     )
     assert run(["live", "--config", str(tmp_path / "live.toml"), "--export", str(tmp_path / "a.csv")]) == 0
@@ -47,7 +47,7 @@ def test_live_then_reconstruct(tmp_path: Path, capsys: pytest.CaptureFixture[str
 def test_mistakes_are_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     for arguments, message in (
         (["live"], "no source was given"),
-        (["live", "-s", "vmc", "--calibration", str(tmp_path / "none")], "there is no such file"),
+        (["live", "-s", "vmc://:39539", "--calibration", str(tmp_path / "none")], "there is no such file"),
         (["live", "--config", str(tmp_path / "none")], "there is no such file"),
         (["reconstruct", str(tmp_path / "none"), "-o", str(tmp_path / "a.bvh")], "there is no such file"),
         (["reconstruct", str(tmp_path / "none"), "-o", str(tmp_path / "a.fbx")], "no motion can be exported as .fbx"),

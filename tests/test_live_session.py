@@ -349,7 +349,7 @@ def test_a_kill_loses_the_last_second_at_most(tmp_path: Path):
 import sys, threading, time
 from poseloom.live.setup import LiveSettings, plan_session
 from poseloom.live.session import Session
-settings = LiveSettings(source=("simulate:sample:walk,once",), record="{tmp_path}/a.mcap")
+settings = LiveSettings(source=("simulate://sample:walk?once=1",), record="{tmp_path}/a.mcap")
 session = Session(plan_session(settings))
 def tell():
     while session.counters.frames < 150:
@@ -476,11 +476,11 @@ def test_a_port_that_is_taken_is_told():
 
 
 def test_listeners_bind_to_this_machine_unless_asked():
-    plan = plan_session(LiveSettings(source=("vmc:0", "udp:0"), layout="six-trackers"))
+    plan = plan_session(LiveSettings(source=("vmc://:0", "udp://:0"), layout="six-trackers"))
     assert [source.name for source in plan.sources] == ["vmc on 127.0.0.1:0", "udp on 127.0.0.1:0"]
-    asked = plan_session(LiveSettings(source=("vmc:0.0.0.0:39539",), bind="127.0.0.1"))
+    asked = plan_session(LiveSettings(source=("vmc://0.0.0.0:39539",), bind="127.0.0.1"))
     assert asked.sources[0].name == "vmc on 0.0.0.0:39539"
-    viewed = plan_session(LiveSettings(source=("vmc", "udp:0"), layout="six-trackers", bind="0.0.0.0"))
+    viewed = plan_session(LiveSettings(source=("vmc://:39539", "udp://:0"), layout="six-trackers", bind="0.0.0.0"))
     assert [source.name for source in viewed.sources] == ["vmc on 127.0.0.1:39539", "udp on 127.0.0.1:0"]
     assert VmcSender().host == "127.0.0.1"
 
@@ -571,13 +571,13 @@ def test_a_serial_line_is_heard_until_and_after_it_goes_away(tmp_path: Path):
 
 def test_a_file_holds_the_same_as_flags_and_flags_win(tmp_path: Path):
     file = tmp_path / "live.toml"
-    file.write_text('source = "vmc:5"\nmethod = "nearest-example"\nsend = ["vmc:a:7"]\nseconds = 3\nview = true\n')
+    file.write_text('source = "vmc://:5"\nmethod = "nearest-example"\nsend = ["vmc://a:7"]\nseconds = 3\nview = true\n')
     settings = read_settings(file, {"method": "inverse-kinematics", "view": None})
     assert settings == make_settings(
         {
-            "source": ("vmc:5",),
+            "source": ("vmc://:5",),
             "method": "inverse-kinematics",
-            "send": ("vmc:a:7",),
+            "send": ("vmc://a:7",),
             "seconds": 3.0,
             "view": True,
         }
@@ -598,19 +598,19 @@ def test_a_file_holds_the_same_as_flags_and_flags_win(tmp_path: Path):
     ("settings", "message"),
     [
         ({}, "no source was given"),
-        ({"source": ("vnc",)}, "unknown kind of source 'vnc'"),
-        ({"source": ("vmc:x:y",)}, "has no port"),
-        ({"source": ("vmc,rat=5",)}, "unknown option of vmc"),
-        ({"source": ("vmc,rate=-5",)}, "has no rate"),
-        ({"source": ("serial",)}, "no serial line is named"),
-        ({"source": ("udp,layout=hips-imu",)}, "no method was given"),
-        ({"source": ("vmc",), "method": "nearest-example"}, "needs a motion library"),
-        ({"source": ("vmc",), "method": "magic"}, "unknown method"),
-        ({"source": ("vmc",), "send": ("osc:1:2",)}, "unknown kind of receiver"),
-        ({"source": ("vmc",), "export": "x.fbx"}, "no motion can be exported"),
-        ({"source": ("udp,layout=three-trackers",), "layout": "six-trackers"}, "no source speaks of upperChest"),
-        ({"source": ("simulate:sample:wlk",)}, "Did you mean 'walk'"),
-        ({"source": ("simulate:sample:walk,fault=silent:hand",)}, "not understood"),
+        ({"source": ("vnc://:1",)}, "unknown scheme of a source 'vnc'"),
+        ({"source": ("vmc://x:y",)}, "has no port"),
+        ({"source": ("vmc://:0?rat=5",)}, "unknown key .*Did you mean 'rate'"),
+        ({"source": ("vmc://:0?rate=-5",)}, "has no rate"),
+        ({"source": ("serial://",)}, "names no serial line"),
+        ({"source": ("udp://:0?layout=hips-imu",)}, "no method was given"),
+        ({"source": ("vmc://:0",), "method": "nearest-example"}, "needs a motion library"),
+        ({"source": ("vmc://:0",), "method": "magic"}, "unknown method"),
+        ({"source": ("vmc://:0",), "send": ("osc://1:2",)}, "unknown scheme of a receiver"),
+        ({"source": ("vmc://:0",), "export": "x.fbx"}, "no motion can be exported"),
+        ({"source": ("udp://:0?layout=three-trackers",), "layout": "six-trackers"}, "no source speaks of upperChest"),
+        ({"source": ("simulate://sample:wlk",)}, "Did you mean 'walk'"),
+        ({"source": ("simulate://sample:walk?fault=silent:hand",)}, "not understood"),
     ],
 )
 def test_settings_that_do_not_fit_are_told(settings: dict[str, Any], message: str):

@@ -102,7 +102,7 @@ def calibration_of(recording: Recording) -> Calibration:
 def live(source: Path, folder: Path, recorded_to: Path, export: Path, **more: str) -> None:
     """A session in which no sample is passed over, however busy the machine is."""
     settings = LiveSettings(
-        (f"replay:{source},speed=20",), record=str(recorded_to), export=str(export), folder=str(folder), **more
+        (f"replay://{source}?speed=20",), record=str(recorded_to), export=str(export), folder=str(folder), **more
     )
     Session(replace(plan_session(settings), capacity=10_000, patience=1e9)).run()
 
@@ -161,7 +161,7 @@ def test_a_session_is_reprocessed_with_a_library_of_another_rate(folder: Path, t
     """With a heading reset on the way, which stays where it was."""
     write_recording(virtual_recording("sample:walk", replace(layout("six-trackers"), rate=60.0), endless=False),
                     tmp_path / "60.mcap")  # fmt: skip
-    plan = plan_session(LiveSettings((f"replay:{tmp_path}/60.mcap,speed=4",), record=str(tmp_path / "s.mcap")))
+    plan = plan_session(LiveSettings((f"replay://{tmp_path}/60.mcap?speed=4",), record=str(tmp_path / "s.mcap")))
     session = Session(replace(plan, capacity=10_000, patience=1e9))
 
     class Resets:

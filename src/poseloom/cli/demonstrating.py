@@ -103,7 +103,7 @@ def _live(out: Path, seconds: float) -> None:
             build_library(["samples"], folder, rate=_LIVE_RATE, mirror=True, exclude=("walk",), progress=show)
     typer.echo(f"A walk, from six simulated trackers; {folder} holds the other built-in motions, and no walk.")
     settings = LiveSettings(
-        source=("simulate:sample:walk",), library=str(folder), view=True, folder=str(out), seconds=seconds
+        source=("simulate://sample:walk",), library=str(folder), view=True, folder=str(out), seconds=seconds
     )
     run_live(settings)
 

@@ -11,13 +11,14 @@ from poseloom.calibration.calibration import read_calibration
 from poseloom.errors import FormatError, SensorError, unknown_name
 from poseloom.formats._files import read_bytes
 from poseloom.library import MotionLibrary, open_library
+from poseloom.live.addresses import LOOPBACK
 from poseloom.live.contract import Sink
 from poseloom.live.reprocess import CONFIGURATION, LIBRARY_DIGEST, MODEL_DIGEST, file_sha256
 from poseloom.live.session_plan import SessionPlan
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource
-from poseloom.live.specifications import LOOPBACK, make_sender, make_source
+from poseloom.live.specifications import make_sender, make_source
 from poseloom.methods.choose import default_method, maker, ready_methods
 from poseloom.methods.reconstruction import rate_note
 from poseloom.sensors import (
@@ -48,9 +49,9 @@ class LiveSettings:
         view: Whether to show the session in a browser.
         port: The viewer's port; 0: the first that is free from 8080 on.
         record: File to record to.
-        send: Where poses are sent, such as "vmc:127.0.0.1:39539".
+        send: Where poses are sent, such as "vmc://127.0.0.1:39540".
         export: File for the motion when the session ends.
-        bind: Address on which the viewer listens; a source's address stands in the source (`vmc:0.0.0.0:39539`).
+        bind: Address on which the viewer listens; a source's address stands in the source (`vmc://0.0.0.0:39539`).
         token: Secret that a visitor of the viewer must know, on this machine too; "new" draws one; empty: drawn where
             other machines can reach the viewer, and none needed on this one.
         folder: Where recordings and calibrations go that are asked for in the viewer.
@@ -134,7 +135,7 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
     if not settings.source:
         raise SensorError(
             "no source was given",
-            remedy="Give --source, such as vmc, udp:9870, serial:/dev/ttyACM0 or simulate:sample:walk",
+            remedy="Give --source, such as vmc://:39539, udp://:9870, serial:///dev/ttyACM0 or simulate://sample:walk",
         )
     sources = tuple(make_source(text) for text in settings.source)
     heard = joint_layout(sources, settings.layout)

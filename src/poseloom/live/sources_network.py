@@ -6,6 +6,7 @@ import ipaddress
 from collections.abc import Collection, Mapping
 from typing import ClassVar
 
+from poseloom.live.addresses import bracketed
 from poseloom.live.datagrams import DatagramPort
 from poseloom.live.device_roles import guess_roles
 from poseloom.live.readings import MalformedPacket, Packet, Reading
@@ -42,7 +43,7 @@ class PortSource(abc.ABC):
     @property
     def name(self) -> str:
         """See `Source`."""
-        return f"{self.protocol} on {self.host}:{self.port}"
+        return f"{self.protocol} on {bracketed(self.host)}:{self.port}"
 
     async def run(self, listener: Listener) -> None:
         """See `Source`."""
@@ -72,8 +73,8 @@ class PortSource(abc.ABC):
             )
         return (
             f"{self.name} receives from every machine that reaches this one, and anybody there can move the figure: "
-            f"{self.protocol}:127.0.0.1:{self.port} confines it to this machine, "
-            f"{self.protocol}:{self.host}:{self.port},from=ADDRESS to one sender"
+            f"{self.protocol}://127.0.0.1:{self.port} confines it to this machine, "
+            f"{self.protocol}://{bracketed(self.host)}:{self.port}?from=ADDRESS to one sender"
         )
 
     @abc.abstractmethod
@@ -125,7 +126,7 @@ class VmcSource(PortSource):
         return Needs(
             messages="/VMC/Ext/Tra/Pos, Con/Pos, Hmd/Pos",
             begin=f"start the sender and let it send VMC to port {self.port} of this machine"
-            + (", or listen to other machines with vmc:0.0.0.0:PORT" if is_loopback(self.host) else ""),
+            + (", or listen to other machines with vmc://0.0.0.0:PORT" if is_loopback(self.host) else ""),
             remedy="switch on 'send trackers' in the sender",
             absent=self._absent,
             refused="mend what is named here in the sender",
@@ -138,7 +139,7 @@ class VmcSource(PortSource):
         if unmet:
             return f"no device has the serial number of {', '.join(unmet)}; those that came: {', '.join(self._devices)}"
         if idle:
-            return f"{', '.join(idle)} could not be told to be any of them; name it, as in vmc,SENSOR={idle[0]}"
+            return f"{', '.join(idle)} could not be told to be any of them; name it, as in vmc://:{self.port}?SENSOR={idle[0]}"
         return "switch these devices on in the sender"
 
     def hear(self, data: bytes, arrival: float, sender: str, listener: Listener) -> None:
@@ -233,7 +234,7 @@ class DatagramSource(PortSource):
         return Needs(
             messages=f"poseloom's datagrams with the sensors {', '.join(self.layout.names)}",
             begin=f"start the device and let it send to port {self.port} of this machine"
-            + (", or listen to other machines with udp:0.0.0.0:PORT" if is_loopback(self.host) else ""),
+            + (", or listen to other machines with udp://0.0.0.0:PORT" if is_loopback(self.host) else ""),
             remedy="see docs/live-udp.md for what a datagram holds",
             absent="check that the device sends them, under these names",
         )

@@ -1,4 +1,4 @@
-"""Sources and sinks as a person writes them: `vmc:39539`, `simulate:sample:walk,fault=silent:leftHand:2:3`."""
+"""The tables of sources and receivers, and what their addresses make: `vmc://:39539`, `simulate://sample:walk`."""
 
 import ipaddress
 from collections.abc import Callable, Mapping
@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from dataclasses import replace as replaced
 from pathlib import Path
 
-from poseloom.errors import SensorError, unknown_name
+from poseloom.errors import Named, PoseloomError, SensorError, unknown_name
 from poseloom.formats.recording import read_recording
+from poseloom.live.addresses import Address, parse_address, write_address
+from poseloom.live.contract import Sink
 from poseloom.live.sinks.vmc_sender import VmcSender
 from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource
@@ -20,46 +22,6 @@ from poseloom.plugins import SOURCES_GROUP, Registry
 from poseloom.sensors import SensorLayout, layout
 from poseloom.synthesis import parse_fault
 
-LOOPBACK = "127.0.0.1"
-
-
-@dataclass(frozen=True)
-class Specification:
-    """A source or sink as written.
-
-    Attributes:
-        kind: What stands before the first colon.
-        address: What stands between it and the first comma that is followed by `key=`.
-        options: What follows, by key; keys that come twice have several values.
-        text: All of it.
-    """
-
-    kind: str
-    address: str
-    options: Mapping[str, tuple[str, ...]]
-    text: str
-
-    def one(self, key: str, default: str = "") -> str:
-        """The value of an option that is given once at most. Raises SensorError."""
-        values = self.options.get(key, ())
-        if len(values) > 1:
-            raise SensorError(f"{self.text!r} has {key} more than once", remedy="Give it once")
-        return values[0] if values else default
-
-    def number(self, key: str, default: float) -> float:
-        """The same as a positive number. Raises SensorError."""
-        return self.as_number(key, self.one(key, str(default)))
-
-    def as_number(self, what: str, text: str) -> float:
-        """A positive number. Raises SensorError."""
-        try:
-            value = float(text)
-        except ValueError:
-            value = -1.0
-        if not 0 < value < 1e9:
-            raise SensorError(f"{self.text!r} has no {what}: {text!r}", remedy="Give a positive number")
-        return value
-
 
 @dataclass(frozen=True)
 class SourceEntry:
@@ -67,153 +29,200 @@ class SourceEntry:
 
     Attributes:
         summary: What it is, in half a line.
-        make: Makes it of a specification. Raises PoseloomError for one that it does not understand.
+        make: Makes it of an address, whose keys have been checked. Raises PoseloomError for one that it does not
+            understand.
+        example: An address of it, for help and errors; empty: its scheme alone.
+        keys: Keys that may stand in the address's query; any other is refused.
+        sensors_of: Name of the layout, where the key `layout` names no other, whose sensors are keys, too (each for
+            the device that it is); empty: sensors are no keys.
     """
 
     summary: str
-    make: Callable[[Specification], Source]
-
-
-def parse_specification(text: str) -> Specification:
-    """Takes a specification apart: `KIND[:ADDRESS][,KEY=VALUE]...`; a word without `=` is an option that is on."""
-    head, *rest = text.split(",")
-    kind, _, address = head.partition(":")
-    options: dict[str, tuple[str, ...]] = {}
-    for word in rest:
-        key, equals, value = word.partition("=")
-        options[key.strip()] = (*options.get(key.strip(), ()), value.strip() if equals else "yes")
-    return Specification(kind.strip(), address.strip(), options, text)
+    make: Callable[[Address], Source]
+    example: str = ""
+    keys: tuple[str, ...] = ()
+    sensors_of: str = ""
 
 
 def make_source(text: str) -> Source:
-    """A source as a person writes it.
+    """A source of its address, a URL whose scheme is a key of `SOURCES`.
 
-    - `vmc[:[HOST:]PORT][,layout=six-trackers][,rate=60][,from=ADDRESS]...[,SENSOR=SERIAL]...`
-    - `udp[:[HOST:]PORT][,layout=NAME][,rate=HZ][,from=ADDRESS]...`
-    - `serial:DEVICE[,baud=115200][,layout=flex-four][,rate=50]`, `lines:FILE[,layout=flex-four][,speed=1]`
-    - `replay:FILE.mcap[,speed=1][,loop]`
-    - `simulate:CLIP[,layout=six-trackers][,rate=60][,fault=KIND:SENSOR:START:STOP]...[,seed=0][,once]`
+    - `vmc://[HOST]:PORT`, keys: layout, rate, from (repeated), SENSOR=SERIAL
+    - `udp://[HOST]:PORT`, keys: layout, rate, from (repeated)
+    - `serial:///dev/ttyACM0` or `serial://COM3`, keys: layout, rate, baud
+    - `lines:///FILE`, keys: layout, rate, speed
+    - `replay:///FILE.mcap`, keys: speed, loop
+    - `simulate://CLIP`, keys: layout, rate, fault=KIND:SENSOR:START:STOP (repeated), seed, once, speed
 
-    A network source listens on the loopback unless HOST says otherwise.
+    A network source listens on the loopback unless HOST says otherwise. A path after `//` that does not begin with `/`
+    is relative to the working directory.
 
     Args:
-        text: The specification.
+        text: The address.
 
     Raises:
         PoseloomError: for anything that is not understood, or a file that cannot be read.
     """
-    written = parse_specification(text)
-    return SOURCES.row(written.kind).make(written)
+    address = parse_address(text)
+    if address is None:
+        raise _no_url(text, "source", {scheme: row.example or f"{scheme}://" for scheme, row in SOURCES.items()})
+    row = SOURCES.row(address.scheme)
+    keys = row.keys
+    if row.sensors_of:
+        keys = (*keys, *layout(address.one("layout", row.sensors_of)).names)
+    address.only(keys)
+    return row.make(address)
 
 
-def make_sender(text: str) -> VmcSender:
-    """A sink for poses as a person writes it: `vmc:HOST:PORT`, or `vmc` for this machine.
+def make_sender(text: str) -> Sink:
+    """A sink that sends poses to an address: `vmc://[HOST]:PORT`; this machine unless HOST says otherwise.
 
     Raises:
         SensorError: for anything else.
     """
-    written = parse_specification(text)
-    if written.kind != "vmc":
-        raise unknown_name("kind of receiver", written.kind, ["vmc"], SensorError)
-    _only(written, ())
-    return VmcSender(*_host_and_port(written, VMC_PORT, LOOPBACK))
+    address = parse_address(text)
+    if address is None:
+        raise _no_url(text, "receiver", _RECEIVERS)
+    _ = _RECEIVERS[address.scheme]
+    address.only(())
+    return VmcSender(*address.host_and_port(VMC_PORT + 1, lowest=1))
 
 
-def _vmc(written: Specification) -> Source:
-    worn = _layout(written, "six-trackers", 60.0)
-    _only(written, ("layout", "rate", "from", *worn.names))
-    roles = {written.one(name): name for name in worn.names if name in written.options}
-    return VmcSource(worn, *_host_and_port(written, VMC_PORT, LOOPBACK), roles=roles, senders=_senders(written))
+_RECEIVERS = Named("scheme of a receiver", {"vmc": f"vmc://:{VMC_PORT + 1}"}, SensorError)
+"""An example of each receiver's address, by its scheme."""
 
 
-def _udp(written: Specification) -> Source:
-    _only(written, ("layout", "rate", "from"))
-    worn = _layout(written, "six-trackers")
-    return DatagramSource(worn, *_host_and_port(written, WIRE_PORT, LOOPBACK), senders=_senders(written))
+def _no_url(text: str, what: str, examples: Mapping[str, str]) -> PoseloomError:
+    """The error for what is no URL: it names the one that was meant, or all schemes."""
+    instead = _instead(text.strip(), examples)
+    if instead:
+        return SensorError(f"{text!r} is no URL of a {what}", remedy=f"Write {instead}")
+    scheme, colon, _ = text.strip().partition(":")
+    if colon and scheme.isalnum() and not scheme.isdigit():
+        return unknown_name(f"scheme of a {what} in {text!r}:", scheme, examples, SensorError)
+    some = ", ".join(dict.fromkeys(examples.values()))
+    return SensorError(f"{text!r} is no URL of a {what}: it has no scheme", remedy=f"Write an address such as {some}")
 
 
-def _serial(written: Specification) -> Source:
-    _only(written, ("layout", "rate", "baud"))
-    if not written.address:
-        raise SensorError("no serial line is named", remedy="Write serial:DEVICE, such as serial:/dev/ttyACM0")
-    return SerialSource(_layout(written, "flex-four"), written.address, int(written.number("baud", 115200.0)))
+def _instead(text: str, examples: Mapping[str, str]) -> str:
+    """The URL that was meant by words with a colon and commas, or by a bare file; empty if that cannot be told."""
+    head, *words = text.split(",")
+    scheme, _, location = head.partition(":")
+    scheme, location = scheme.strip().lower(), location.strip()
+    if scheme not in examples:
+        kind = "replay" if text.endswith(".mcap") else "serial" if text.startswith("/dev/") else ""
+        return write_address(kind, text) if kind in examples else ""
+    query: list[tuple[str, str]] = []
+    for word in words:
+        key, equals, value = (part.strip() for part in word.partition("="))
+        if equals or key in ("loop", "once"):
+            query.append((key, value if equals else "1"))
+        elif not query:
+            location += f",{word}"
+    port = examples[scheme].rpartition(":")[2]
+    if port.isdigit():
+        location = f":{location or port}" if location.isdigit() or not location else location
+        location = location if ":" in location else f"{location}:{port}"
+    return write_address(scheme, location, query) if location else examples[scheme]
 
 
-def _lines(written: Specification) -> Source:
-    _only(written, ("layout", "rate", "speed"))
-    return LineFileSource(_layout(written, "flex-four"), Path(written.address), written.number("speed", 1.0))
+def _vmc(address: Address) -> Source:
+    worn = layout_of(address, "six-trackers", 60.0)
+    roles = {address.one(name): name for name in worn.names if name in address.query}
+    return VmcSource(worn, *address.host_and_port(VMC_PORT), roles=roles, senders=_senders(address))
 
 
-def _replay(written: Specification) -> Source:
-    _only(written, ("speed", "loop"))
-    recording = read_recording(Path(written.address))
-    title = f"replay of {Path(written.address).name}"
-    return ReplaySource(recording, title, written.number("speed", 1.0), "loop" in written.options)
+def _udp(address: Address) -> Source:
+    return DatagramSource(
+        layout_of(address, "six-trackers"), *address.host_and_port(WIRE_PORT), senders=_senders(address)
+    )
 
 
-def _simulate(written: Specification) -> Source:
-    _only(written, ("layout", "rate", "fault", "seed", "once", "speed"))
-    clip = written.address or "sample:walk"
-    faults = [parse_fault(text) for text in written.options.get("fault", ())]
-    endless = "once" not in written.options
-    worn = _layout(written, "six-trackers", 60.0)
-    recording = virtual_recording(clip, worn, faults, int(written.one("seed", "0")), endless)
-    return ReplaySource(recording, f"virtual sensors on {clip}", written.number("speed", 1.0), endless)
+def _serial(address: Address) -> Source:
+    if not address.location:
+        raise address.error("names no serial line", "Write serial:///dev/ttyACM0, or serial://COM3 on Windows")
+    return SerialSource(layout_of(address, "flex-four"), str(address.path()), address.whole("baud", 115200))
+
+
+def _lines(address: Address) -> Source:
+    return LineFileSource(layout_of(address, "flex-four"), _file(address), address.number("speed", 1.0))
+
+
+def _replay(address: Address) -> Source:
+    path, speed, loop = _file(address), address.number("speed", 1.0), address.flag("loop")
+    return ReplaySource(read_recording(path), f"replay of {path.name}", speed, loop)
+
+
+def _simulate(address: Address) -> Source:
+    clip = str(address.path()) if address.location else "sample:walk"
+    worn, faults = layout_of(address, "six-trackers", 60.0), [parse_fault(text) for text in address.many("fault")]
+    endless, speed = not address.flag("once"), address.number("speed", 1.0)
+    recording = virtual_recording(clip, worn, faults, address.whole("seed", 0), endless)
+    return ReplaySource(recording, f"virtual sensors on {clip}", speed, endless)
 
 
 SOURCES = Registry(
     SOURCES_GROUP,
-    "kind of source",
+    "scheme of a source",
     SourceEntry,
     {
-        "vmc": SourceEntry("headset, controllers and trackers by the VMC protocol", _vmc),
-        "udp": SourceEntry("poseloom's own datagrams, JSON or binary", _udp),
-        "serial": SourceEntry("lines of converter counts from a serial line", _serial),
-        "lines": SourceEntry("the same lines from a file", _lines),
-        "replay": SourceEntry("a recording played again", _replay),
-        "simulate": SourceEntry("virtual sensors on a motion", _simulate),
+        "vmc": SourceEntry(
+            "headset, controllers and trackers by the VMC protocol",
+            _vmc,
+            f"vmc://:{VMC_PORT}",
+            ("layout", "rate", "from"),
+            sensors_of="six-trackers",
+        ),
+        "udp": SourceEntry(
+            "poseloom's own datagrams, JSON or binary", _udp, f"udp://:{WIRE_PORT}", ("layout", "rate", "from")
+        ),
+        "serial": SourceEntry(
+            "lines of converter counts from a serial line", _serial, "serial:///dev/ttyACM0", ("layout", "rate", "baud")
+        ),
+        "lines": SourceEntry("the same lines from a file", _lines, "lines://counts.txt", ("layout", "rate", "speed")),
+        "replay": SourceEntry("a recording played again", _replay, "replay://session.mcap", ("speed", "loop")),
+        "simulate": SourceEntry(
+            "virtual sensors on a motion",
+            _simulate,
+            "simulate://sample:walk",
+            ("layout", "rate", "fault", "seed", "once", "speed"),
+        ),
     },
     SensorError,
 )
-"""Every kind of source, by the word with which its specification begins; other packages add theirs through
-`poseloom.sources`."""
+"""Every kind of source, by the scheme of its addresses; other packages add theirs through `poseloom.sources`."""
 
 
-def _layout(written: Specification, default: str, rate: float | None = None) -> SensorLayout:
-    """The layout that is named; its rate unless one is given here or is the device's custom."""
-    named = layout(written.one("layout", default))
-    if "rate" in written.options:
-        return replaced(named, rate=written.number("rate", 1.0))
+def layout_of(address: Address, default: str, rate: float | None = None) -> SensorLayout:
+    """The layout that an address names, at the rate that it names.
+
+    Args:
+        address: The address; its keys `layout` and `rate` are read.
+        default: Name of the layout where it names none.
+        rate: Samples a second where it names none; None: as the layout has it.
+
+    Raises:
+        SensorError: for an unknown layout, or a rate that is none.
+    """
+    named = layout(address.one("layout", default))
+    if "rate" in address.query:
+        return replaced(named, rate=address.number("rate", 1.0))
     return named if rate is None else replaced(named, rate=rate)
 
 
-def _only(written: Specification, keys: tuple[str, ...]) -> None:
-    for key in written.options:
-        if key not in keys:
-            raise unknown_name(f"option of {written.kind}", key, keys, SensorError)
+def _file(address: Address) -> Path:
+    if not address.location:
+        raise address.error("names no file", f"Write {SOURCES[address.scheme].example}")
+    return address.path()
 
 
-def _senders(written: Specification) -> tuple[str, ...]:
+def _senders(address: Address) -> tuple[str, ...]:
     """The machines that may send."""
-    addresses = written.options.get("from", ())
-    for address in addresses:
+    for sender in address.many("from"):
         try:
-            ipaddress.ip_address(address)
+            ipaddress.ip_address(sender)
         except ValueError:
-            raise SensorError(
-                f"{written.text!r} has no address: {address!r}", remedy="Write from=192.168.1.20, the sender's address"
+            raise address.error(
+                f"has from={sender!r}, which is no IP address", "Write from=192.168.1.20, the sender's address"
             ) from None
-    return addresses
-
-
-def _host_and_port(written: Specification, port: int, host: str) -> tuple[str, int]:
-    before, colon, after = written.address.rpartition(":")
-    text = after if colon else written.address
-    named = before if colon else host
-    if not text:
-        return named, port
-    if not colon and not text.isdigit():
-        return text, port
-    if not text.isdigit() or not 0 <= int(text) < 65536:
-        raise SensorError(f"{written.text!r} has no port: {text!r}", remedy="Write KIND:PORT or KIND:HOST:PORT")
-    return named, int(text)
+    return address.many("from")

@@ -20,7 +20,7 @@ def measure_endurance(stage: Stage, seconds: float, show: Show) -> list[Row]:
     """A session as a person would run it, for a long time: delays, losses, memory."""
     name = f"{seconds:g} s at 60 Hz with viewer, recorder and VMC"
     with all_sinks(stage.folder) as (viewer, settings):
-        plan = stage.plan("vmc:0", (viewer,), **settings)
+        plan = stage.plan("vmc://:0", (viewer,), **settings)
         with running([plan]) as (watched,):
             wait_until(lambda: listening_port(plan) > 0, 60.0)
             speaker = device("vmc", listening_port(plan), seconds)
@@ -54,8 +54,12 @@ def measure_fast_input(stage: Stage, seconds: float, show: Show) -> list[Row]:
     """Devices at 240 Hz: a method at that rate, and one at 60 Hz that takes the newest."""
     rows: list[Row] = []
     cases: tuple[tuple[str, dict[str, str], str], ...] = (
-        ("240 Hz into inverse kinematics at 240 Hz", {"method": "inverse-kinematics", "library": ""}, "vmc:0,rate=240"),
-        ("240 Hz into local-filter at 60 Hz", {}, "vmc:0"),
+        (
+            "240 Hz into inverse kinematics at 240 Hz",
+            {"method": "inverse-kinematics", "library": ""},
+            "vmc://:0?rate=240",
+        ),
+        ("240 Hz into local-filter at 60 Hz", {}, "vmc://:0"),
     )
     for name, settings, source in cases:
         plan = stage.plan(source, (), **settings)
@@ -73,7 +77,7 @@ def measure_fast_input(stage: Stage, seconds: float, show: Show) -> list[Row]:
 
 def measure_two_sessions(stage: Stage, seconds: float, show: Show) -> list[Row]:
     """Two wearers in one process, each at 60 Hz."""
-    plans = [stage.plan("vmc:0"), stage.plan("udp:0,rate=60")]
+    plans = [stage.plan("vmc://:0"), stage.plan("udp://:0?rate=60")]
     with running(plans, every=1.0) as watched:
         wait_until(lambda: all(listening_port(plan) > 0 for plan in plans), 120.0)
         speakers = [

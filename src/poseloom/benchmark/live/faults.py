@@ -48,7 +48,7 @@ def measure_faults(stage: Stage, show: Show) -> list[Row]:
 
 def _each_silent(stage: Stage) -> list[Row]:
     """One device after another falls silent for a second, at 2, 4, 6, 8, 10 seconds and so on."""
-    worn = stage.plan("vmc:0").layout
+    worn = stage.plan("vmc://:0").layout
     faults = [f"silent:{name}:{2 * (place % 5) + 2}:{2 * (place % 5) + 3}" for place, name in enumerate(worn.names)]
     rows: list[Row] = []
     found: list[float] = []
@@ -58,7 +58,7 @@ def _each_silent(stage: Stage) -> list[Row]:
     # The clip lasts 12.7 s, so the sixth sensor has a turn of its own.
     for part in (faults[:5], faults[5:]):
         notebook = Notebook()
-        plan = stage.plan("udp:0,rate=60", (notebook,), record=str(stage.folder / f"silent-{len(part)}.mcap"))
+        plan = stage.plan("udp://:0?rate=60", (notebook,), record=str(stage.folder / f"silent-{len(part)}.mcap"))
         with running([plan]) as (watched,):
             wait_until(lambda plan=plan: listening_port(plan) > 0, 60.0)
             device("udp", listening_port(plan), 12.5, faults=part).wait()
@@ -97,9 +97,9 @@ def _naming_delays(stage: Stage, file: str) -> list[float]:
 
 def _all_silent(stage: Stage) -> list[Row]:
     name = "all silent for 3 s"
-    worn = stage.plan("vmc:0").layout
+    worn = stage.plan("vmc://:0").layout
     notebook = Notebook()
-    plan = stage.plan("udp:0,rate=60", (notebook,))
+    plan = stage.plan("udp://:0?rate=60", (notebook,))
     with running([plan]) as (watched,):
         wait_until(lambda: listening_port(plan) > 0, 60.0)
         device("udp", listening_port(plan), 12.0, faults=[f"silent:{each}:3:6" for each in worn.names]).wait()
@@ -126,7 +126,7 @@ def _all_silent(stage: Stage) -> list[Row]:
 def _odd_sensors(stage: Stage) -> list[Row]:
     name = "stuck, noisy and swapped sensors"
     faults = ["stuck:leftAnkle:2:4", "noise:head:5:7.5", "swap:leftHand+rightHand:9:11"]
-    plan = stage.plan("vmc:0")
+    plan = stage.plan("vmc://:0")
     texts: set[str] = set()
     with running([plan]) as (watched,):
         wait_until(lambda: listening_port(plan) > 0, 60.0)
@@ -140,7 +140,7 @@ def _odd_sensors(stage: Stage) -> list[Row]:
 def _killed(stage: Stage) -> list[Row]:
     name = "source killed and started again"
     notebook = Notebook()
-    plan = stage.plan("udp:0,rate=60", (notebook,))
+    plan = stage.plan("udp://:0?rate=60", (notebook,))
     with running([plan]) as (watched,):
         wait_until(lambda: listening_port(plan) > 0, 60.0)
         for _ in range(3):
@@ -164,7 +164,7 @@ def _spoken(watched: Watched) -> int:
 def _reloaded(stage: Stage) -> list[Row]:
     name = "browser reloaded twenty times"
     viewer = SessionViewer(port=0)
-    plan = stage.plan("vmc:0", (viewer,))
+    plan = stage.plan("vmc://:0", (viewer,))
     reloads = 0
     with running([plan]) as (watched,):
         wait_until(lambda: listening_port(plan) > 0, 60.0)
@@ -194,7 +194,7 @@ def _disk_full(stage: Stage) -> list[Row]:
 
     name = "disk full while recording"
     path = stage.folder / "full.mcap"
-    plan = stage.plan("vmc:0", record=str(path))
+    plan = stage.plan("vmc://:0", record=str(path))
     opened = recording_writer._new_file  # pyright: ignore[reportPrivateUsage]
     recording_writer._new_file = lambda path: _FullDisk(path, "xb")  # pyright: ignore[reportPrivateUsage, reportAttributeAccessIssue]
     try:
@@ -215,7 +215,7 @@ def _disk_full(stage: Stage) -> list[Row]:
 def _clock_jumps(stage: Stage) -> list[Row]:
     name = "clock jumps by an hour"
     notebook = Notebook()
-    plan = stage.plan("udp:0,rate=60", (notebook,))
+    plan = stage.plan("udp://:0?rate=60", (notebook,))
     recording = virtual_recording(CLIP, plan.layout)
     with running([plan]) as (watched,), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as speaker:
         wait_until(lambda: listening_port(plan) > 0, 60.0)

@@ -134,7 +134,7 @@ def visitor(viewer: SessionViewer) -> Generator[None]:
 def all_sinks(folder: Path, visitors: bool = True) -> Generator[tuple[SessionViewer, dict[str, object]]]:
     """A viewer with a visitor, and the settings that switch the recorder and VMC on."""
     viewer = SessionViewer(port=0)
-    settings: dict[str, object] = {"record": str(folder / "session.mcap"), "send": ("vmc:127.0.0.1:39999",)}
+    settings: dict[str, object] = {"record": str(folder / "session.mcap"), "send": ("vmc://127.0.0.1:39999",)}
     with ExitStack() as stack:
         if visitors:
             stack.enter_context(visitor(viewer))

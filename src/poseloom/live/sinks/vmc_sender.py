@@ -3,6 +3,7 @@
 import socket
 
 from poseloom.errors import SensorError
+from poseloom.live.addresses import bracketed
 from poseloom.live.contract import Post, SessionFacts, Update
 from poseloom.live.vmc import VMC_PORT, PoseEncoder
 
@@ -19,7 +20,7 @@ class VmcSender:
 
     def __init__(self, host: str = "127.0.0.1", port: int = VMC_PORT) -> None:
         self.host, self.port = host, port
-        self.name = f"vmc to {host}:{port}"
+        self.name = f"vmc to {bracketed(host)}:{port}"
         self.sent = 0
         self.refused = 0
 
@@ -34,7 +35,7 @@ class VmcSender:
             self._socket = socket.socket(family, kind)
         except OSError as error:
             raise SensorError(
-                f"poses cannot be sent to {self.host}:{self.port}",
+                f"poses cannot be sent to {bracketed(self.host)}:{self.port}",
                 cause=error.strerror or str(error),
                 remedy="Check the host's name or address",
             ) from None
