@@ -90,7 +90,7 @@ def test_writing_and_reading_by_suffix(tmp_path, suffix):
 
 
 def test_suffixes():
-    assert set(formats.motion_suffixes()) == {".bvh", ".amc", ".txt", ".csv", ".json", ".npz"}
+    assert set(formats.motion_suffixes()) == {".bvh", ".amc", ".txt", ".csv", ".json", ".npz", ".glb"}
     assert set(formats.writable_suffixes()) == {".bvh", ".glb", ".npz"}
 
 

@@ -7,13 +7,15 @@ import errno
 import io
 import os
 import sys
+import warnings
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from poseloom.errors import PoseloomError
+from poseloom.plugins import PluginWarning
 
 TOPICS = (
     "demonstrating",
@@ -73,10 +75,21 @@ def run(argv: list[str]) -> int:
 
 
 def _run(argv: list[str]) -> int:
+    plain = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        if issubclass(category, PluginWarning):
+            print(f"poseloom: {message}", file=sys.stderr)
+        else:
+            plain(message, category, *place)
+
+    warnings.showwarning = show
     try:
         typer.main.get_command(build_app()).main(args=argv, prog_name="poseloom")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    finally:
+        warnings.showwarning = plain
     return 0
 
 

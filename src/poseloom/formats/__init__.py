@@ -10,8 +10,12 @@ from poseloom.formats.motions import (
     write_motion,
 )
 from poseloom.formats.rest_frame import drop_rest_frame, starts_with_rest_frame
+from poseloom.formats.table import FORMATS, Format, ReadOptions
 
 __all__ = [
+    "FORMATS",
+    "Format",
+    "ReadOptions",
     "drop_rest_frame",
     "format_name",
     "is_motion_file",

@@ -1,35 +1,25 @@
 """Motion files of any known kind: which reader and writer serve which file."""
 
-import json
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from poseloom.errors import FormatError
-from poseloom.formats._files import beginning, read_bytes, reading
-from poseloom.formats.conventions import NOTHING_SAID, MotionChoices, settle
+from poseloom.formats._files import beginning, reading
+from poseloom.formats.conventions import NOTHING_SAID, MotionChoices
+from poseloom.formats.table import FORMATS, HEAD, NO_OPTIONS, OPTIONS, Format, ReadOptions
 from poseloom.skeleton.motion import Motion
-
-_HEAD = 4096
-
-
-@dataclass(frozen=True)
-class _Options:
-    """What some kinds of files do not say themselves; see `read_motions`."""
-
-    skeleton: Path | None
-    choices: MotionChoices
 
 
 def motion_suffixes() -> tuple[str, ...]:
-    """Suffixes of files that `read_motions` reads. Files with `.txt`, `.csv`, `.json` and `.npz` may hold other things
-    too: `is_motion_file` looks inside."""
-    return tuple(_READERS)
+    """Suffixes of files that `read_motions` reads. Files with `.txt`, `.csv`, `.json`, `.npz` and `.glb` may hold other
+    things too: `is_motion_file` looks inside."""
+    return _suffixes([each for each in FORMATS.values() if each.read is not None])
 
 
 def writable_suffixes() -> tuple[str, ...]:
     """Suffixes of files that `write_motion` writes."""
-    return tuple(_WRITERS)
+    return _suffixes([each for each in FORMATS.values() if each.write is not None])
 
 
 def is_motion_file(path: Path) -> bool:
@@ -38,18 +28,11 @@ def is_motion_file(path: Path) -> bool:
     A damaged motion file is one still, so that reading it tells what is wrong; a text of labels or a skeleton's JSON is
     none. Never raises.
     """
-    suffix = path.suffix.lower()
-    if suffix in (".bvh", ".amc"):
-        return path.is_file()
-    head = beginning(path, _HEAD)
-    if suffix == ".npz":
-        return head[:2] == b"PK" and b'"kind": "motion"' in head
-    if suffix in (".txt", ".json") and head.lstrip().startswith(b"{"):
-        return b'"Frames"' in head
-    if suffix in (".txt", ".csv"):
-        fields = head.split(b"\n")[0].split(b",")
-        return len(fields) >= 6 and all(_is_number(field) for field in fields[:6])
-    return False
+    formats = _formats(path)
+    if not formats or not path.is_file():
+        return False
+    head = beginning(path, HEAD)
+    return any(each.likelihood(head) >= 1.0 for each in formats if each.read is not None)
 
 
 def read_motions(
@@ -64,7 +47,8 @@ def read_motions(
     """All motions of a file, in metres, Y up, named after the file. Nothing is dropped or smoothed.
 
     Args:
-        path: A BVH, AMC, exponential-map, DeepMimic or NPZ file.
+        path: A BVH, AMC, exponential-map, DeepMimic or NPZ file, a GLB file that poseloom wrote, or one of a format
+            that an installed package adds.
         skeleton: The file that holds the skeleton, for the kinds that keep it apart (AMC, exponential maps), where it
             does not stand beside the motion.
         metres_per_unit: The file's unit of length, where what it states or what the body's size tells would be wrong.
@@ -80,19 +64,40 @@ def read_motions(
     path = Path(path)
     if path.is_dir():
         raise FormatError("this is a folder, not a file", remedy="Name one motion file in it", file=path)
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
+    formats = [each for each in _formats(path) if each.read is not None]
+    if not formats:
         alone = path.suffix.lower() == ".asf"
         raise FormatError(
             f"{_kind(path)} hold no motion that poseloom reads",
             cause="an ASF file holds a skeleton only" if alone else "",
-            remedy="Name the AMC file that moves it" if alone else f"Use one of: {', '.join(_READERS)}",
+            remedy="Name the AMC file that moves it" if alone else f"Use one of: {', '.join(motion_suffixes())}",
             file=path,
         )
     given = {"metres_per_unit": metres_per_unit, "rate": rate, "up": up}
     choices = replace(choices, **{name: value for name, value in given.items() if value is not None})
+    return read_as(_likeliest(formats, path), path, ReadOptions(skeleton, choices))
+
+
+def read_as(kind: Format, path: Path, options: ReadOptions = NO_OPTIONS) -> list[Motion]:
+    """All motions of a file of a known format.
+
+    Raises:
+        FormatError: for a damaged file, or an option that has no meaning for this format.
+        SkeletonError: for an impossible hierarchy.
+    """
+    if kind.read is None:
+        raise FormatError(f"poseloom writes {kind.name} and does not read it", file=path)
+    given = {name: getattr(options.choices, name) for name in OPTIONS if name != "skeleton"}
+    for name, value in {"skeleton": options.skeleton, **given}.items():
+        if value is not None and name not in kind.takes:  # it must not be ignored in silence
+            raise FormatError(
+                f"a {OPTIONS[name]} was given, but files of kind {path.suffix.lower()} state their own",
+                remedy=f"Leave the {OPTIONS[name]} out",
+                file=path,
+            )
     with reading(path):
-        return [reader(path, _Options(skeleton, choices))]
+        made = kind.read(path, options)
+        return [made] if isinstance(made, Motion) else list(made)
 
 
 def read_motion(
@@ -118,17 +123,17 @@ def read_motion(
 
 
 def write_motion(motion: Motion, path: Path) -> None:
-    """Writes a motion as its file's suffix says (BVH, GLB or NPZ), whole or not at all.
+    """Writes a motion as its file's suffix says (BVH, GLB, NPZ, or what a package adds), whole or not at all.
 
     Raises:
         FormatError: for another suffix, or where nothing can be written there.
     """
     path = Path(path)
-    writer = _WRITERS.get(path.suffix.lower())
+    writer = next((each.write for each in _formats(path) if each.write is not None), None)
     if writer is None:
         raise FormatError(
             f"poseloom does not write {_kind(path)}",
-            remedy=f"Use one of: {', '.join(_WRITERS)}",
+            remedy=f"Use one of: {', '.join(writable_suffixes())}",
             file=path,
         )
     writer(motion, path)
@@ -136,100 +141,27 @@ def write_motion(motion: Motion, path: Path) -> None:
 
 def format_name(path: Path) -> str:
     """What a person calls the kind of a motion file; empty where it is unknown."""
+    formats = _formats(path)
+    return _likeliest(formats, path).name if formats else ""
+
+
+def _formats(path: Path) -> list[Format]:
+    """Formats of a file's suffix, poseloom's own first."""
     suffix = path.suffix.lower()
-    if suffix in (".txt", ".csv", ".json"):
-        return "DeepMimic JSON" if _is_json(path) else "exponential-map CSV"
-    return {".bvh": "BVH", ".amc": "ASF/AMC", ".npz": "NPZ", ".glb": "GLB"}.get(suffix, "")
+    return [each for each in FORMATS.values() if suffix in each.suffixes]
+
+
+def _likeliest(formats: Sequence[Format], path: Path) -> Format:
+    """The format that a file has by its beginning; of equally likely ones the first."""
+    if len(formats) == 1:
+        return formats[0]
+    head = beginning(path, HEAD)
+    return max(formats, key=lambda each: each.likelihood(head))
+
+
+def _suffixes(formats: Sequence[Format]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(suffix for each in formats for suffix in each.suffixes))
 
 
 def _kind(path: Path) -> str:
     return f"files of kind {path.suffix.lower()}" if path.suffix else "files without suffix"
-
-
-def _is_json(path: Path) -> bool:
-    return path.suffix.lower() == ".json" or read_bytes(path)[:_HEAD].lstrip().startswith(b"{")
-
-
-def _is_number(field: bytes) -> bool:
-    try:
-        return isinstance(json.loads(field), int | float)
-    except (ValueError, RecursionError):
-        return False
-
-
-# Readers and writers are imported when needed: a command that reads one kind should not wait for the others.
-
-
-def _read_bvh(path: Path, options: _Options) -> Motion:
-    from poseloom.formats.bvh import read_bvh
-
-    _refuse(path, skeleton=options.skeleton)
-    return read_bvh(path, choices=options.choices)
-
-
-def _read_amc(path: Path, options: _Options) -> Motion:
-    from poseloom.formats.asf_amc import RATE, read_amc
-
-    rate = options.choices.rate
-    return read_amc(path, options.skeleton, RATE if rate is None else rate, options.choices)
-
-
-def _read_table(path: Path, options: _Options) -> Motion:
-    _refuse(path, rate=options.choices.rate)
-    if _is_json(path):
-        from poseloom.formats.deepmimic import read_deepmimic
-
-        _refuse(path, skeleton=options.skeleton)
-        return settle(read_deepmimic(path).motion, path, options.choices, 1.0, "y")
-    from poseloom.formats.expmap_csv import read_expmap
-
-    return read_expmap(path, options.skeleton, options.choices)
-
-
-def _read_npz(path: Path, options: _Options) -> Motion:
-    from poseloom.formats.npz import read_npz
-
-    choices = options.choices
-    _refuse(path, skeleton=options.skeleton, metres_per_unit=choices.metres_per_unit, rate=choices.rate)
-    return settle(read_npz(path), path, choices, 1.0, "y")
-
-
-def _refuse(path: Path, **given: object) -> None:
-    """Raises where something was given that files of this kind say themselves: it must not be ignored in silence."""
-    words = {"skeleton": "skeleton", "metres_per_unit": "unit of length", "rate": "rate"}
-    for name, value in given.items():
-        if value is not None:
-            raise FormatError(
-                f"a {words[name]} was given, but files of kind {path.suffix.lower()} state their own",
-                remedy=f"Leave the {words[name]} out",
-                file=path,
-            )
-
-
-def _write_bvh(motion: Motion, path: Path) -> None:
-    from poseloom.formats.bvh import write_bvh
-
-    write_bvh(motion, path)
-
-
-def _write_glb(motion: Motion, path: Path) -> None:
-    from poseloom.formats.glb import write_glb
-
-    write_glb(motion, path)
-
-
-def _write_npz(motion: Motion, path: Path) -> None:
-    from poseloom.formats.npz import write_npz
-
-    write_npz(motion, path)
-
-
-_READERS: dict[str, Callable[[Path, _Options], Motion]] = {
-    ".bvh": _read_bvh,
-    ".amc": _read_amc,
-    ".txt": _read_table,
-    ".csv": _read_table,
-    ".json": _read_table,
-    ".npz": _read_npz,
-}
-_WRITERS: dict[str, Callable[[Motion, Path], None]] = {".bvh": _write_bvh, ".glb": _write_glb, ".npz": _write_npz}

@@ -174,12 +174,13 @@ def _motion_files(root: Path) -> tuple[list[Path], list[Skipped]]:
             path = Path(folder) / name
             suffix = path.suffix.lower()
             reason = _companion_reason(path, certain) if suffix in _UNCERTAIN_SUFFIXES else ""
-            if suffix in readable and not reason:
+            if suffix in readable and suffix not in _FOREIGN_SUFFIXES and not reason:
                 files.append(path)
             elif reason:
                 aside.append(Skipped(_name(path, root), SkipKind.COMPANION, reason))
             elif suffix in _FOREIGN_SUFFIXES:
-                why = f"poseloom reads no {suffix} files: convert it to BVH"
+                why = "GLB is for viewers" if suffix == ".glb" else f"poseloom reads no {suffix} files"
+                why += ": convert it to BVH"
                 aside.append(Skipped(_name(path, root), SkipKind.UNREADABLE, why))
     return sorted(files, key=lambda file: file.relative_to(root).parts), aside
 

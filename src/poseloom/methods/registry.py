@@ -1,14 +1,13 @@
 """Methods by name: a table of data. `poseloom.methods.choose` makes one ready for a request."""
 
 import enum
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from poseloom.arrays import Array, Bools
-from poseloom.errors import MethodError, unknown_name
+from poseloom.errors import MethodError
 from poseloom.library import MotionLibrary
 from poseloom.methods.contract import Reconstructor
 from poseloom.methods.flex.network_method import SHIPPED_MODEL, load_flex_lstm, load_flex_scales
@@ -19,6 +18,7 @@ from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
 from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
 from poseloom.methods.trackers.local_filter import LocalFilter
 from poseloom.methods.trackers.neighbours import NeighbourMethod
+from poseloom.plugins import METHODS_GROUP, Registry
 from poseloom.sensors import SensorKind, SensorLayout
 
 Make = Callable[[SensorLayout, MotionLibrary | None, Path | None], Reconstructor[Any]]
@@ -95,7 +95,10 @@ def _fitted(
 
 _IMU, _FLEX = SensorKind.IMU, SensorKind.FLEX
 
-METHODS: Mapping[str, MethodEntry] = MappingProxyType(
+METHODS = Registry(
+    METHODS_GROUP,
+    "method",
+    MethodEntry,
     {
         "local-filter": _from_library("the nearest moments as a Kalman filter, given the sensors", LocalFilter),
         "local-gaussian": _from_library("the nearest moments' mean and covariance, given the sensors", LocalGaussian),
@@ -116,9 +119,10 @@ METHODS: Mapping[str, MethodEntry] = MappingProxyType(
             "four flex sensors: filters over many time scales and an LSTM", _FLEX, load_flex_scales, SHIPPED_MODEL
         ),
         "flex-lstm": _fitted("four flex sensors: the flex paper's calibrating Bi-LSTM", _FLEX, load_flex_lstm),
-    }
+    },
+    MethodError,
 )
-"""Every method, the recommended one first."""
+"""Every method, the recommended one first; other packages add theirs through `poseloom.methods`."""
 
 DEFAULT_METHOD = next(iter(METHODS))
 """The recommended method."""
@@ -173,7 +177,5 @@ def make_method(
 
 
 def entry_of(name: str) -> MethodEntry:
-    """The entry of a name. Raises MethodError, with the nearest name, for an unknown one."""
-    if name not in METHODS:
-        raise unknown_name("method", name, METHODS, MethodError)
-    return METHODS[name]
+    """The entry of a name. Raises MethodError for an unknown one, with the nearest name, and for a broken plug-in."""
+    return METHODS.row(name)
