@@ -90,12 +90,12 @@ def read_bytes(path: str | Path, kind: type[PoseloomError] = FormatError, larges
     with open_regular(path, kind) as stream:
         try:
             size = os.fstat(stream.fileno()).st_size
-            content = stream.read(largest + 1) if size <= largest else b""
+            content = stream.read(size) if size <= largest else b""  # room is taken for all that is asked
         except (OSError, MemoryError) as error:
             raise _unreadable(error, path, kind) from None
-    if max(size, len(content)) > largest:
+    if size > largest:
         raise kind(
-            f"the file has {max(size, len(content)) / 1e6:,.0f} MB, more than the {largest / 1e6:,.0f} MB it may have",
+            f"the file has {size / 1e6:,.0f} MB, more than the {largest / 1e6:,.0f} MB it may have",
             cause="it is no file of this kind, or holds many takes",
             remedy="Split it",
             file=path,

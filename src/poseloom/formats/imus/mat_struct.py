@@ -4,6 +4,7 @@ Each structure has `acc` in m/s^2 and `gyr` in rad/s. Its `quat`, if there is on
 it turns with the body segment, in the axes of that toolbox's figure, and not with the sensor.
 """
 
+import io
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,6 +13,7 @@ from scipy.io import loadmat  # pyright: ignore
 
 from poseloom.errors import FormatError
 from poseloom.formats._files import read_bytes
+from poseloom.formats.imus._mat_elements import check_mat
 from poseloom.formats.imus.tracks import ImuTrack, make_track
 
 
@@ -21,9 +23,10 @@ def read_imu_mat(path: Path) -> tuple[ImuTrack, ...]:
     Raises:
         FormatError: for a file that is no MATLAB 5 file, or has no `t` or no structure with acc and gyr of its length.
     """
-    read_bytes(path)
+    whole = read_bytes(path)
     try:
-        content = cast(dict[str, Any], loadmat(path, squeeze_me=True, struct_as_record=True))
+        check_mat(whole)
+        content = cast(dict[str, Any], loadmat(io.BytesIO(whole), squeeze_me=True, struct_as_record=True))
         # Damaged files make this reader raise almost anything; none of it comes from here.
     except Exception as error:
         raise FormatError(

@@ -15,6 +15,8 @@ from poseloom.rotations import quat_from_matrix, quat_multiply
 STANDARD_GRAVITY = 9.80665
 """m/s^2 in one g."""
 
+_LARGEST = 1e12
+"""Values beyond it are none, in any unit; squares of those below it are finite."""
 _Q_YUP_ZUP = np.array([0.5, -0.5, -0.5, -0.5])
 """Turns the world of files, whose z points up, into ours: its (x, y, z) becomes our (y, z, x)."""
 
@@ -72,7 +74,7 @@ def make_track(
         notes: How units, clocks and orders were found.
 
     Raises:
-        FormatError: for fewer than two samples, times that go back, or infinite numbers.
+        FormatError: for fewer than two samples, times that go back, or infinite or impossible numbers.
     """
     moments = np.asarray(times, dtype=np.float64)
     fresh = np.concatenate([[True], np.diff(moments) != 0])
@@ -92,8 +94,10 @@ def make_track(
     for values, width in ((specific_forces, 3), (angular_rates, 3), (quats_wxyz, 4)):
         given = np.full((len(fresh), width), np.nan) if values is None else np.array(values, dtype=np.float64)
         column = given[fresh]
-        if np.isinf(column).any():
-            raise FormatError(f"sensor {name!r} has an infinite value", remedy="Mend or cut out that sample", file=file)
+        if (np.abs(column) > _LARGEST).any():
+            raise FormatError(
+                f"sensor {name!r} has an infinite or impossible value", remedy="Mend or cut out that sample", file=file
+            )
         column[np.isnan(column).any(axis=1)] = np.nan
         columns.append(column)
     length = np.linalg.norm(columns[2], axis=1, keepdims=True)
