@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from poseloom.training.prior.export import CONDITIONS, export_prior, measure_people
 from poseloom.training.prior.judging import Conditions, judge, judging_batch, mean_measures
 from poseloom.training.prior.loop import SPECS, PriorSettings, read_checkpoint, train_prior
 from poseloom.training.prior.motions import MotionPool
-from poseloom.training.prior.network import NetworkShape, PriorGru
+from poseloom.training.prior.network import NetworkShape, PriorGru, widened
 from poseloom.training.prior.people import Role, role_of
 from poseloom.training.prior.sets import NAMED_SETS
 from poseloom.training.prior.shards import Shard, build_shards, read_shard
@@ -58,12 +58,20 @@ def _train(options: argparse.Namespace) -> None:
     settings = replace(settings, motions=replace(settings.motions, frames=options.frames))
     pool = MotionPool(shards_of(options.shards, Role.TRAIN))
     judge_all = _Judge(options.kind, _JUDGED[options.kind], shards_of(options.shards, Role.VALIDATE))
-    start = read_checkpoint(options.start)["mean"] if options.start else None
+    start = _start(options) if options.start else None
     options.out.parent.mkdir(parents=True, exist_ok=True)
     train_prior(
         pool, settings, judge_all, options.seed, options.out, options.every,
         lambda entry: print(json.dumps({k: round(v, 3) for k, v in entry.items()}), flush=True), start,
     )  # fmt: skip
+
+
+def _start(options: argparse.Namespace) -> Mapping[str, Tensor]:
+    """Weights to begin with; those of a network that receives less are widened."""
+    content = read_checkpoint(options.start)
+    kind = json.loads(content["settings"])["kind"]
+    weights: Mapping[str, Tensor] = content["mean"]
+    return weights if kind == options.kind else widened(weights, SPECS[kind], SPECS[options.kind], options.seed)
 
 
 def _loaded(options: argparse.Namespace) -> tuple[PriorGru, dict[str, Any]]:

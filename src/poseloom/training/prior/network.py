@@ -1,11 +1,22 @@
 """The prior's network: an encoder, two recurrent layers, a head."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
-from poseloom.methods.prior.channels import OUTPUT_ROTATIONS, OUTPUT_SIGMAS, OUTPUT_SIZE, InputSpec
+from poseloom.methods.prior.channels import (
+    CHANNEL_SIZES,
+    OUTPUT_ROTATIONS,
+    OUTPUT_SIGMAS,
+    OUTPUT_SIZE,
+    SIZE_COUNT,
+    CalibrationPose,
+    Channel,
+    InputSpec,
+    likeness,
+)
 from poseloom.methods.prior.network import LOG_SIGMA_BOUNDS, LOG_SIGMA_OFFSET
 from poseloom.skeleton.body import BODY_BONES
 from poseloom.training.prior.kinematics import matrix_from_columns
@@ -72,3 +83,44 @@ def split(raw: Tensor, base: Tensor) -> Estimate:
     doubts = raw[..., OUTPUT_ROTATIONS : OUTPUT_ROTATIONS + OUTPUT_SIGMAS]
     log_sigma = (doubts + LOG_SIGMA_OFFSET).clamp(*LOG_SIGMA_BOUNDS)
     return Estimate(base @ matrix_from_columns(columns), log_sigma, raw[..., -7:-3], raw[..., -3:])
+
+
+def widened(weights: Mapping[str, Tensor], of: InputSpec, to: InputSpec, seed: int) -> dict[str, Tensor]:
+    """First weights for a network that receives more, from one of the same shape that receives less.
+
+    Where the first receives something the weights are its own. The new bones' are those of the likest old bone at half
+    their size, so that a hand begins by meaning what a forearm means; the rest is small and random.
+
+    Args:
+        weights: Of the trained network.
+        of: What it receives.
+        to: What the other receives.
+        seed: Of what is random.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    old = weights["encode.weight"]
+    new = 0.5 * float(old.std()) * torch.randn((len(old), to.size), generator=generator)
+    unlike = likeness()
+    for bone, there in _columns(to).items():
+        likest = min(of.bones, key=lambda other: unlike[BODY_BONES.index(bone), BODY_BONES.index(other)])
+        share = 1.0 if bone in of.bones else 0.5
+        for channel, columns in _columns(of)[likest].items():
+            if channel in there:
+                new[:, there[channel]] = share * old[:, columns]
+    rest = 3 + SIZE_COUNT + len(CalibrationPose)
+    new[:, -rest:] = old[:, -rest:]
+    return {**weights, "encode.weight": new}
+
+
+def _columns(spec: InputSpec) -> dict[str, dict[Channel | None, slice]]:
+    """Where in the inputs each bone's channels stand, masks with them; None for the mark of the reference."""
+    found: dict[str, dict[Channel | None, slice]] = {}
+    at = 0
+    for bone in spec.bones:
+        found[bone] = {}
+        for channel in spec.channels:
+            found[bone][channel] = slice(at, at + CHANNEL_SIZES[channel] + 1)
+            at += CHANNEL_SIZES[channel] + 1
+        found[bone][None] = slice(at, at + 1)
+        at += 1
+    return found
