@@ -37,7 +37,7 @@ from poseloom.training.prior.kinematics import (  # noqa: E402
 from poseloom.training.prior.loop import PriorSettings, draw_batch, rate_at, train_prior  # noqa: E402
 from poseloom.training.prior.losses import LossWeights, loss_parts, total_loss  # noqa: E402
 from poseloom.training.prior.motions import LEAD, MotionPool, Motions, MotionSettings, cut_stretch  # noqa: E402
-from poseloom.training.prior.network import Estimate, NetworkShape, PriorGru, split  # noqa: E402
+from poseloom.training.prior.network import Estimate, NetworkShape, PriorGru, split, widened  # noqa: E402
 from poseloom.training.prior.people import LEFT_OUT, Role, person_sources, person_weights, role_of  # noqa: E402
 from poseloom.training.prior.scene import Scene, make_scene, sizes_of  # noqa: E402
 from poseloom.training.prior.sensor_errors import SensorErrors  # noqa: E402
@@ -429,6 +429,24 @@ def test_numpy_steps_as_torch_does(spec) -> None:
         np.testing.assert_allclose(estimate.sigma, told.log_sigma[0, frame].exp().numpy(), atol=1e-5)
         np.testing.assert_allclose(estimate.contacts, torch.sigmoid(told.contacts[0, frame]).numpy(), atol=1e-5)
         np.testing.assert_allclose(estimate.velocity, told.velocity[0, frame].numpy(), atol=1e-5)
+
+
+def test_a_widened_network_says_the_same_of_what_both_receive() -> None:
+    torch.manual_seed(2)
+    small, large = PriorGru(SIX, NetworkShape(16, 2)), PriorGru(ANY, NetworkShape(16, 2))
+    large.load_state_dict(widened(small.state_dict(), SIX, ANY, seed=0))
+    pool = MotionPool([made_shard()])
+    narrow = draw_batch(pool, TINY, np.random.default_rng(5)).inputs
+    wide = torch.zeros(*narrow.shape[:2], ANY.size)
+    at = 0
+    for bone in SIX.bones:
+        begin = BODY_BONES.index(bone) * (ANY.size - 14) // 22
+        for size, offset in ((7, 0), (4, 7), (4, 21), (1, 25)):  # rotation, acceleration, residual, reference
+            wide[..., begin + offset : begin + offset + size] = narrow[..., at : at + size]
+            at += size
+    wide[..., -14:] = narrow[..., -14:]
+    with torch.no_grad():
+        np.testing.assert_allclose(large(wide).numpy(), small(narrow).numpy(), atol=1e-5)
 
 
 def test_judging_repeats_and_correction_takes_half_of_the_error() -> None:

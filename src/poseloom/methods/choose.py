@@ -104,7 +104,7 @@ def default_method(layout: SensorLayout, library: Library | None = None, model: 
     if all(sensor.kind is SensorKind.TRACKER for sensor in layout.sensors):
         return WITHOUT_LIBRARY if library is None else DEFAULT_METHOD
     for name in fitting_methods(layout):
-        if METHODS[name].shipped is not None:
+        if METHODS[name].shipped is not None and len(layout.sensors) >= METHODS[name].least:
             return name
     raise MethodError(
         f"no method was given for the layout {layout.name!r}, and none runs without a fitted model",

@@ -14,6 +14,8 @@ from poseloom.methods.flex.network_method import SHIPPED_MODEL, load_flex_lstm, 
 from poseloom.methods.flex.root import on_its_feet
 from poseloom.methods.imus.baselines.fitting import COMPARATORS, loader
 from poseloom.methods.imus.model_file import read_phase_hmm
+from poseloom.methods.prior.method import SensorPrior
+from poseloom.methods.prior.model_file import read_prior, shipped_path
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematics
 from poseloom.methods.trackers.library_methods import LocalGaussian, LocalPca, LocalPcr, LocalRegression, NearestExample
 from poseloom.methods.trackers.local_filter import LocalFilter
@@ -44,6 +46,8 @@ class MethodEntry:
         make: Makes it.
         shipped: The model that travels with the package, used where none is named; None where none does.
         kind: Its class, where other settings than the tuned ones can be given.
+        mixes: Whether it takes any mixture of sensors, `sensors` or not.
+        least: With fewer sensors it is no default, for it then says too little.
 
     Raises:
         TypeError: for an entry that lacks something, or says one thing here and another there.
@@ -55,6 +59,8 @@ class MethodEntry:
     make: Make
     shipped: Path | None = None
     kind: type[NeighbourMethod] | None = None
+    mixes: bool = False
+    least: int = 1
 
     def __post_init__(self) -> None:
         faults = {
@@ -70,6 +76,8 @@ class MethodEntry:
 
     def fits(self, layout: SensorLayout) -> bool:
         """Whether a layout has the sensors that it needs, and no others that it cannot use."""
+        if self.mixes:
+            return True
         kinds = {sensor.kind for sensor in layout.sensors}
         usable = {SensorKind.FLEX, SensorKind.IMU} if self.sensors is SensorKind.FLEX else {self.sensors}
         return self.sensors in kinds <= usable
@@ -93,6 +101,12 @@ def _fitted(
     return MethodEntry(summary, sensors, Needs.MODEL, make, shipped)
 
 
+def _sensor_prior(layout: SensorLayout, library: MotionLibrary | None, model: Path | None) -> Reconstructor[Any]:
+    # Two networks are shipped, and the method takes the one that fits; a file that is named is another.
+    return SensorPrior(layout, None if model in (None, PRIOR_MODEL) else read_prior(model))
+
+
+PRIOR_MODEL = shipped_path("any")
 _IMU, _FLEX = SensorKind.IMU, SensorKind.FLEX
 
 METHODS = Registry(
@@ -119,6 +133,15 @@ METHODS = Registry(
             "four flex sensors: filters over many time scales and an LSTM", _FLEX, load_flex_scales, SHIPPED_MODEL
         ),
         "flex-lstm": _fitted("four flex sensors: the flex paper's calibrating Bi-LSTM", _FLEX, load_flex_lstm),
+        "sensor-prior": MethodEntry(
+            "any sensors, people never seen: a learnt prior, joined with what sensors say",
+            _IMU,
+            Needs.MODEL,
+            _sensor_prior,
+            PRIOR_MODEL,
+            mixes=True,
+            least=3,
+        ),
     },
     MethodError,
 )

@@ -110,6 +110,15 @@ _FOUR_BENDS = (
     ("leftElbow", "leftLowerArm"),
     ("rightElbow", "rightLowerArm"),
 )
+# Where the field's methods for six IMUs wear them: wrist straps follow the forearm.
+_SIX_IMUS = (
+    ("hips", "hips"),
+    ("head", "head"),
+    ("leftWrist", "leftLowerArm"),
+    ("rightWrist", "rightLowerArm"),
+    ("leftShank", "leftLowerLeg"),
+    ("rightShank", "rightLowerLeg"),
+)
 # Bones that may wear an IMU, by the word that stands in a layout's name.
 _IMU_BONES: Mapping[str, str] = {
     "hips": "hips",
@@ -134,6 +143,7 @@ def _layouts() -> Mapping[str, SensorLayout]:
     made = [
         _named("six-trackers", SensorKind.TRACKER, _SIX, _TRACKER_RATE),
         _named("three-trackers", SensorKind.TRACKER, _HEAD_AND_HANDS, _TRACKER_RATE),
+        _named("six-imus", SensorKind.IMU, _SIX_IMUS, _IMU_RATE),
         *(imu_layout(word) for word in _IMU_BONES),
         imu_layout("right-foot", "right-hand"),
         imu_layout("right-foot", "left-hand"),

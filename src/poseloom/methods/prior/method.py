@@ -8,6 +8,7 @@ import numpy as np
 
 from poseloom.arrays import Array, Bools, Floats
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor
+from poseloom.methods.flex.hips import HipsTurn, turn_hips
 from poseloom.methods.gliding import Glide, GlideSettings, glide_to
 from poseloom.methods.prior.calibration import PriorCalibration
 from poseloom.methods.prior.channels import RATE, SIX_BONES
@@ -16,7 +17,7 @@ from poseloom.methods.prior.model_file import shipped_prior
 from poseloom.methods.prior.network import PriorEstimate, PriorNetwork
 from poseloom.methods.prior.root import RootCarrier, RootSettings, RootState
 from poseloom.methods.prior.running import PriorRunner, PriorState
-from poseloom.rotations import matrix_from_quat
+from poseloom.rotations import matrix_from_quat, quat_from_matrix
 from poseloom.sensors import Placement, Sample, SensorKind, SensorLayout
 from poseloom.sensors.flex_range import FlexRange, FlexRangeState
 from poseloom.skeleton.kinematics import forward_kinematics
@@ -71,6 +72,7 @@ class SensorPriorState:
         worn: What does not.
         prior: Of the network.
         ranges: Of the flex sensors; None without any.
+        turns: Of each IMU that gives no orientation: what is known of it from its rates and forces.
         q: The newest estimate; None before the first.
         root: Of the root.
         time: Device time of the last sample.
@@ -82,6 +84,7 @@ class SensorPriorState:
     worn: Worn
     prior: PriorState
     ranges: FlexRangeState | None
+    turns: tuple[HipsTurn, ...]
     q: Floats[Array, "dofs"] | None = None
     root: RootState | None = None
     time: float = 0.0
@@ -91,7 +94,10 @@ class SensorPriorState:
 
 
 class SensorPrior(Reconstructor[SensorPriorState]):
-    """Full-body motion from any subset of trackers, IMUs with orientations and flex sensors, of people never seen.
+    """Full-body motion from any subset of trackers, IMUs and flex sensors, of people never seen.
+
+    An IMU that gives no orientation is oriented here by its rates and forces (VQF, 6D), and its bone is taken to face
+    ahead at its first sample; that drifts, and a calibration is better.
 
     Args:
         layout: The sensors; the method runs at 40 samples a second whatever the layout's rate.
@@ -124,13 +130,15 @@ class SensorPrior(Reconstructor[SensorPriorState]):
         runner = PriorRunner(self.network, self.layout, skeleton, placements, self.calibration)
         worn = Worn(skeleton, mount(skeleton, placements), runner, RootCarrier(skeleton, self.settings.root))
         ranges = self._flex.start(len(self._flexes)) if self._flexes else None
-        return SensorPriorState(worn, runner.start(), ranges, spoken=np.zeros(len(self.layout), dtype=np.bool_))
+        turns = tuple(HipsTurn(None, 0.0, np.eye(3), 0.0, 0.0) for _ in self.layout.sensors)
+        return SensorPriorState(worn, runner.start(), ranges, turns, spoken=np.zeros(len(self.layout), dtype=np.bool_))
 
     def step(self, state: SensorPriorState, sample: Sample) -> tuple[SensorPriorState, Frame | None]:
         """See `Reconstructor.step`. No frame comes until a sensor has measured."""
         measured = _measured(sample)
         if state.q is None and not measured.any():
             return state, None
+        turns, sample = self._oriented(state, sample)
         ranges, bends = self._bends(state, sample)
         prior, estimate = state.worn.runner.step(state.prior, sample, bends)
         if state.silent and not measured.any() and state.q is not None:
@@ -147,6 +155,7 @@ class SensorPrior(Reconstructor[SensorPriorState]):
             state.worn,
             prior,
             ranges,
+            turns,
             q,
             root,
             sample.time,
@@ -163,6 +172,19 @@ class SensorPrior(Reconstructor[SensorPriorState]):
             return how.tracker_position, how.tracker_orientation
         twisted = bone.endswith(("LowerArm", "Hand"))
         return 1.0, how.forearm_orientation if twisted else how.imu_orientation
+
+    def _oriented(self, state: SensorPriorState, sample: Sample) -> tuple[tuple[HipsTurn, ...], Sample]:
+        """The sample with orientations of IMUs that give none themselves."""
+        turns, quats = list(state.turns), sample.quats_wxyz
+        for index in self.layout.of_kind(SensorKind.IMU):
+            if np.isfinite(sample.quats_wxyz[index, 0]) or not np.isfinite(sample.angular_rates[index, 0]):
+                continue
+            R_bone_sensor = state.worn.mount.R_bone_sensor[index]
+            turns[index] = turn_hips(turns[index], sample, index, R_bone_sensor)
+            if turns[index].filter is not None:
+                quats = quats.copy()
+                quats[index] = quat_from_matrix(turns[index].R_world_hips @ R_bone_sensor)
+        return tuple(turns), replace(sample, quats_wxyz=quats)
 
     def _bends(
         self, state: SensorPriorState, sample: Sample

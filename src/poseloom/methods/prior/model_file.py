@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cache
-from importlib.resources import as_file, files
+from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 
@@ -13,6 +13,7 @@ from poseloom.formats.artefact import read_artefact, write_artefact
 from poseloom.methods.prior.network import PriorNetwork, spec_from_json, spec_to_json
 
 KIND = "prior-network"
+METHOD = "sensor-prior"
 VERSION = 1
 
 SHIPPED: Mapping[str, str] = MappingProxyType({"six": "prior-six.npz", "any": "prior-any.npz"})
@@ -30,7 +31,7 @@ def write_prior(network: PriorNetwork, path: str | Path, seed: int | None = None
     """
     arrays = {name: array.astype(np.float16) for name, array in network.weights.items()}
     arrays["sigma_factors"] = network.sigma_factors
-    header = {"inputs": spec_to_json(network.spec), "card": dict(network.card)}
+    header = {"method": METHOD, "inputs": spec_to_json(network.spec), "card": dict(network.card)}
     write_artefact(path, KIND, VERSION, header, arrays, seed=seed, data_digest=data_digest)
 
 
@@ -58,5 +59,9 @@ def shipped_prior(name: str) -> PriorNetwork:
     """
     if name not in SHIPPED:
         raise unknown_name("prior network", name, SHIPPED)
-    with as_file(files("poseloom.methods.prior").joinpath(SHIPPED[name])) as path:
-        return read_prior(path)
+    return read_prior(shipped_path(name))
+
+
+def shipped_path(name: str) -> Path:
+    """Where the file of a network that comes with poseloom stands."""
+    return Path(str(files("poseloom.methods.prior").joinpath(SHIPPED[name])))

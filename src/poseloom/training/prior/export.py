@@ -32,6 +32,13 @@ CONDITIONS: Mapping[str, tuple[Conditions, float]] = {
 """Under what networks are measured, and the share of the network's own error at the pose that is corrected."""
 
 
+_MEASURED: Mapping[str, tuple[str, ...]] = {
+    "six": ("six-imus",),
+    "any": ("six-imus", "six-trackers", "three-trackers", "pelvis-wrists", "wrist-pocket", "slimevr-6", "flex-four"),
+}
+"""Sets by which sigma is set and which the card tells of."""
+
+
 def export_prior(
     network: PriorGru, kind: str, shards: Sequence[Shard], path: Path, seed: int, curve: Sequence[Mapping[str, float]]
 ) -> PriorNetwork:
@@ -47,10 +54,9 @@ def export_prior(
     """
     validating = [shard for shard in shards if role_of(shard.person) is Role.VALIDATE]
     trained = [shard for shard in shards if role_of(shard.person) is Role.TRAIN]
-    sets = ("six-imus",) if kind == "six" else tuple(NAMED_SETS)
     batches = [
-        judging_batch(shard, SPECS[kind], NAMED_SETS[name][1], Conditions(calibrated=calibrated), most=12, seed=5)
-        for name in sets
+        judging_batch(shard, SPECS[kind], NAMED_SETS[name][1], Conditions(calibrated=calibrated), most=8, seed=5)
+        for name in _MEASURED[kind]
         for shard in validating
         for calibrated in (False, True)
     ]
@@ -88,10 +94,7 @@ def model_card(
         "left out": "CMU 02, 13, 35 and HDM05 bd (test), CMU 14 and HDM05 mm (validation), cmu_expmap (nameless parts)",
         "parameters": sum(each.numel() for each in network.parameters()),
         "training": {"steps": int(curve[-1]["step"]), "hours": round(curve[-1]["seconds"] / 3600, 2)} if curve else {},
-        "validation": {
-            name: measure_people(network, kind, validating, [name])
-            for name in (["six-imus"] if kind == "six" else list(NAMED_SETS))
-        },
+        "validation": {name: measure_people(network, kind, validating, [name], most=12) for name in _MEASURED[kind]},
     }
 
 
