@@ -246,7 +246,9 @@ def test_what_does_not_fit_is_refused(folder: Path) -> None:
         choose(layout("left-foot-imu"), "phase-hmm", model=model_of("phase-hmm", "right-foot-imu", folder))
     with pytest.raises(MethodError, match="listens to"):
         choose(layout("three-trackers"), InverseKinematics(layout("six-trackers")))
-    assert set(fitting_methods(layout("flex-four"))) == {"flex-scales", "flex-lstm"}
+    assert set(fitting_methods(layout("flex-four"))) == {"flex-scales", "flex-lstm", "sensor-prior"}
+    assert default_method(layout("flex-four")) == "flex-scales"
+    assert default_method(layout("six-imus")) == "sensor-prior"
     assert fitting_methods(layout("six-trackers"))[0] == "local-filter"
 
 
