@@ -13,7 +13,6 @@ from poseloom.live.clock import ClockSettings, DeviceClock, step_clock
 from poseloom.live.contract import Trouble
 from poseloom.live.endless import endless_motion
 from poseloom.live.hearing import Hearing
-from poseloom.live.pacing import Pace, step_pace
 from poseloom.live.readings import Packet, Reading
 from poseloom.live.virtual import virtual_recording
 from poseloom.live.watch import Watch, new_findings
@@ -51,7 +50,8 @@ def test_a_steady_clock_keeps_its_spacing():
     for i in range(600):
         clock, time = step_clock(clock, 1000 + i * PERIOD, 50 + i * PERIOD + (0.002 if i % 7 == 0 else 0.0), SETTINGS)
         times.append(time)
-    assert np.allclose(np.diff(times), PERIOD, atol=1e-4)
+    # The first packet's own delay is known once a faster one has come.
+    assert np.allclose(np.diff(times[1:]), PERIOD, atol=2e-4)
     assert clock.jumps == 0
 
 
@@ -157,7 +157,7 @@ def test_a_faster_device_gives_its_newest_and_a_slower_one_is_missing_in_between
     assert all(np.isfinite(sample.positions[:-1]).all() for sample in steady)
 
 
-def test_while_all_is_silent_empty_samples_keep_coming_and_what_comes_after_is_not_lost():
+def test_while_all_is_silent_empty_samples_keep_coming_and_session_time_stays_with_the_hosts():
     hearing, samples = hearing_of()
     now = 0.0
     for i in range(60):
@@ -168,12 +168,20 @@ def test_while_all_is_silent_empty_samples_keep_coming_and_what_comes_after_is_n
     filled = hearing.counters.filled
     assert 50 <= filled <= 56
     assert all(np.isnan(sample.positions).all() for sample in samples[60:])
-    # The stalled sender's packets all come at once.
+    # The stalled sender's packets all come at once: what empty samples stand for has gone by, and is told to be late.
     for i in range(60, 120):
-        hearing.packet(Packet(whole(i), 100 + i * PERIOD, whole=True), now + 1.0 + 1e-4 * i, "x")
-    assert hearing.counters.samples == 120 + filled
+        hearing.packet(Packet(whole(i), 100 + i * PERIOD, whole=True), now + 1.0 + 1e-4 * (i - 60), "x")
+    assert 1 <= hearing.counters.samples - filled - 60 <= 3
+    counters = hearing.counters
+    assert counters.samples - filled + counters.stale + counters.superseded == 120
+    # From then on every one is heard again.
+    for i in range(120, 180):
+        hearing.packet(Packet(whole(i), 100 + i * PERIOD, whole=True), i * PERIOD + 0.001, "x")
+    assert hearing.counters.samples - counters.samples >= 58
     times = np.array([sample.time for sample in samples])
     assert (np.diff(times) > 0).all()
+    # The newest of the burst was on its way for a period, too.
+    assert np.abs(times - [sample.arrival for sample in samples]).max() < 2 * PERIOD
 
 
 def test_two_sources_make_samples_together():
@@ -193,29 +201,6 @@ def test_strangers_cannot_fill_the_memory():
     assert len(hearing._clocks) <= 64
     assert not hearing._assembly.pending
     assert samples == []
-
-
-@pytest.mark.parametrize(("rate", "wanted"), [(240.0, 60.0), (60.0, 40.0), (90.0, 60.0), (1000.0, 60.0)])
-def test_what_comes_too_fast_is_thinned_evenly(rate: float, wanted: float):
-    pace, used = Pace(), []
-    for i in range(int(10 * rate)):
-        pace, wants = step_pace(pace, i / rate, i / rate, wanted)
-        if wants:
-            used.append(i / rate)
-    steady = np.array([time for time in used if time > 1.0])
-    assert abs(len(steady) / 9.0 - wanted) < 1.0
-    assert np.diff(steady).max() <= 1 / wanted + 1 / rate + 1e-9
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_what_comes_unevenly_at_the_wanted_rate_is_all_used(seed: int):
-    rng = np.random.default_rng(seed)
-    times = np.arange(600) * PERIOD
-    late = np.maximum.accumulate(times + np.where(rng.random(600) < 0.02, rng.exponential(0.2, 600), 0.0))
-    pace = Pace()
-    for time, arrival in zip(times.tolist(), late.tolist(), strict=True):
-        pace, wants = step_pace(pace, time, arrival, 60.0)
-        assert wants
 
 
 # The world turned

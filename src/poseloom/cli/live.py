@@ -1,5 +1,6 @@
 """`poseloom live` and `simulate-device`: sessions with real or simulated devices."""
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 
 NOTHING_USABLE = 3
 """Exit code of a session without a single usable sample."""
+_CLOSING_EVERY = 1.0
+"""Seconds between lines on files that take long to finish."""
 _DEVICES = ("vmc", "udp", "udp-binary", "serial")
 
 
@@ -118,13 +121,16 @@ def run_live(settings: "LiveSettings") -> "SessionSummary":
             console.print(viewer.exposure, style="yellow", highlight=False, soft_wrap=True)
         sinks.append(viewer)
     console.print("Getting ready ...", highlight=False)
-    summary = _run(plan_session(settings, (*sinks, TerminalSink(console))))
-    _tell(console, summary)
+    summary = _run(plan_session(settings, (*sinks, TerminalSink(console))), console)
+    with contextlib.suppress(OSError):  # a terminal that was closed
+        _tell(console, summary)
+    if summary.failures:
+        raise typer.Exit(1)
     return summary
 
 
-def _run(plan: "SessionPlan") -> "SessionSummary":
-    """Runs a plan; Ctrl-C ends it in order, a second one at once; so do Ctrl-Break and a closed terminal."""
+def _run(plan: "SessionPlan", console: object) -> "SessionSummary":
+    """Runs a plan; Ctrl-C ends it in order, a second one at once, and so does what ends a program from outside."""
     import signal
 
     from poseloom.live.responsiveness import responsive_process
@@ -133,19 +139,42 @@ def _run(plan: "SessionPlan") -> "SessionSummary":
     session = Session(plan)
 
     def end(number: int, frame: object) -> None:
-        signal.signal(number, before[signal.Signals(number)])
+        if number == signal.SIGINT:
+            signal.signal(number, before[number])
         session.stop()
 
-    # SIGHUP: Unix; SIGBREAK: Windows. What is ignored stays so: nohup ignores SIGHUP.
-    named = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")]
-    heeded = [number for number in named if number is not None and signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, end) for number in heeded}
+    # A terminal that is closed says so by SIGHUP, maybe several times; a system without a signal has no name for it.
+    # Who runs this with nohup has asked that a closed terminal end nothing.
+    known = {name: getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")}
+    if known["SIGHUP"] is not None and signal.getsignal(known["SIGHUP"]) is signal.SIG_IGN:
+        del known["SIGHUP"]
+    before = {int(number): signal.signal(number, end) for number in known.values() if number is not None}
     try:
         with responsive_process():
-            return session.run()
+            return session.run(_Closing(console))
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+class _Closing:
+    """Says how far files are that take long to finish."""
+
+    def __init__(self, console: object) -> None:
+        self._console = console
+        self._told = 0.0
+
+    def __call__(self, what: str, waiting: int) -> None:
+        import time
+
+        from rich.console import Console
+
+        assert isinstance(self._console, Console)
+        now = time.monotonic()
+        if now - self._told >= _CLOSING_EVERY:
+            self._told = now
+            left = f", {waiting:,} to go" if waiting else ""
+            self._console.print(f"Finishing: {what}{left} ...", highlight=False, soft_wrap=True)
 
 
 def _tell(console: object, summary: "SessionSummary") -> None:
@@ -169,6 +198,8 @@ def _tell(console: object, summary: "SessionSummary") -> None:
     table.add_row("arrival to pose sent", f"p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f} ms")
     for path in summary.recordings:
         table.add_row("recorded", str(path))
+    for path in summary.exports:
+        table.add_row("exported", str(path))
     console.print(table)
     if counters.usable == 0:
         console.print(
@@ -178,6 +209,8 @@ def _tell(console: object, summary: "SessionSummary") -> None:
             markup=False,
             soft_wrap=True,
         )
+    for text in summary.failures:
+        console.print(f"NOT KEPT: {text}", style="bold red", highlight=False, soft_wrap=True, markup=False)
 
 
 def simulate_device(

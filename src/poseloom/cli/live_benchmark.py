@@ -28,7 +28,7 @@ def live(
     ] = None,
     part: Annotated[
         list[str] | None,
-        typer.Option("--part", help="endurance, fast, two, faults or hostile; may be repeated. All if left out."),
+        typer.Option("--part", help="endurance, fast, two, faults, hostile or time; may be repeated. All if left out."),
     ] = None,
     seconds: Annotated[float | None, typer.Option(help="Length of the long session.", min=10.0)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,

@@ -1,6 +1,7 @@
 """The writer of BVH; its reader stands in `bvh`."""
 
 import math
+from io import BufferedIOBase
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
 from poseloom.formats._files import write_bytes
 from poseloom.rotations import euler_from_matrix, matrix_from_rotvec
-from poseloom.skeleton.motion import Motion
+from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import Skeleton
 
 
@@ -33,15 +34,74 @@ def write_bvh(motion: Motion, path: Path, metres_per_unit: float = 0.01, order: 
     if sorted(order) != ["X", "Y", "Z"]:
         raise FormatError(f"the order of rotations {order!r} is not three different axes", remedy="Use for example ZXY")
     moved = _moving_joints(motion)
-    order_of_joints = _depth_first(motion.skeleton)
-    lines = ["HIERARCHY", *_hierarchy_lines(motion.skeleton, order_of_joints, moved, metres_per_unit, order)]
-    lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1 / motion.rate!r}"]
+    joints = _depth_first(motion.skeleton)
+    header = _header(motion.skeleton, joints, moved, metres_per_unit, order, str(len(motion)), motion.rate)
+    rows = _rows(_columns(motion, joints, moved, metres_per_unit, order), metres_per_unit)
+    write_bytes(path, (header + rows).encode())
+
+
+class BvhStream:
+    """A BVH file that is written frame by frame, as `write_bvh` would; its count of frames is set by `finish`.
+
+    Args:
+        file: Where to, opened for writing; it must be able to seek.
+        skeleton: The bones.
+        rate: Frames a second.
+        path: Its name, for messages.
+
+    Raises:
+        FormatError: where a joint's name cannot stand in the file.
+        OSError: also from the methods, where the file cannot be written.
+    """
+
+    _unit, _order, _digits = 0.01, "ZXY", 10
+
+    def __init__(self, file: BufferedIOBase, skeleton: Skeleton, rate: float, path: Path) -> None:
+        _check_names(skeleton, path)
+        self._file, self._skeleton, self._rate = file, skeleton, rate
+        self._joints, self._moved = _depth_first(skeleton), [False] * len(skeleton)
+        self._count = 0
+        self._last: tuple[Floats[Array, dofs], Floats[Array, columns]] | None = None
+        header = _header(
+            skeleton, self._joints, self._moved, self._unit, self._order, " " * (self._digits - 1) + "0", rate
+        ).encode()
+        self._place = header.rindex(b"Frames: ") + len(b"Frames: ")
+        file.write(header)
+
+    def add(self, q: Floats[Array, "frames dofs"]) -> None:
+        """Appends frames by their pose vectors."""
+        before = () if self._last is None else (self._last[0][None],)
+        motion = make_motion(self._skeleton, np.concatenate([*before, q]), self._rate)
+        columns = _columns(motion, self._joints, self._moved, self._unit, self._order)
+        if self._last is not None:
+            # Angles go on from where they are, over any number of turns.
+            columns = columns[1:] + 360.0 * np.round((self._last[1] - columns[0]) / 360.0)
+        self._file.write(_rows(columns, self._unit).encode())
+        self._last = (q[-1], columns[-1])
+        self._count += len(q)
+
+    def finish(self) -> None:
+        """Sets the count of frames."""
+        self.set_count(self._file, self._count)
+
+    def set_count(self, file: BufferedIOBase, count: int) -> None:
+        """Sets the count of frames in a file, where what was added last could not be written whole."""
+        file.seek(self._place)
+        file.write(f"{count:{self._digits}d}".encode())
+
+
+def _header(
+    skeleton: Skeleton, joints: list[int], moved: list[bool], scale: float, order: str, frames: str, rate: float
+) -> str:
+    lines = ["HIERARCHY", *_hierarchy_lines(skeleton, joints, moved, scale, order)]
+    return "\n".join([*lines, "MOTION", f"Frames: {frames}", f"Frame Time: {1 / rate!r}"]) + "\n"
+
+
+def _rows(columns: Floats[Array, "frames columns"], scale: float) -> str:
     # Adding zero turns -0 into 0 after the rounding that could make one.
-    figures = max(6, math.ceil(8 + math.log10(metres_per_unit)))
-    columns = np.round(_columns(motion, order_of_joints, moved, metres_per_unit, order), figures) + 0.0
-    pattern = " ".join([f"%.{figures}f"] * columns.shape[1])
-    lines += [pattern % tuple(row) for row in columns.tolist()]
-    write_bytes(path, ("\n".join(lines) + "\n").encode())
+    figures = max(6, math.ceil(8 + math.log10(scale)))
+    pattern = " ".join([f"%.{figures}f"] * columns.shape[1]) + "\n"
+    return "".join(pattern % tuple(row) for row in (np.round(columns, figures) + 0.0).tolist())
 
 
 def _check_names(skeleton: Skeleton, path: Path) -> None:

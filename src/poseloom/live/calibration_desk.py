@@ -21,12 +21,16 @@ class CalibrationDesk:
         file: Names a file for the result.
         tell: Where the outcome is told.
         take: Called with a calibration that was made.
+
+    Attributes:
+        failures: Calibrations that could not be kept, in words.
     """
 
     def __init__(
         self, layout: SensorLayout, file: Callable[[], Path], tell: Tell, take: Callable[[Calibration], None]
     ) -> None:
         self._layout, self._file, self._tell, self._take = layout, file, tell, take
+        self.failures: list[str] = []
         self._run: CalibrationRun | None = None
         self._computing: asyncio.Task[None] | None = None
 
@@ -78,7 +82,12 @@ class CalibrationDesk:
         try:
             write_calibration(calibration, path)
             self._tell(Level.NOTE, f"calibrated; kept as {path}")
-        except OSError as error:
-            self._tell(Level.WARNING, f"calibrated, but {path} cannot be written: {error.strerror or error}")
+        except (PoseloomError, OSError) as error:
+            reason = error.strerror or str(error) if isinstance(error, OSError) else str(error)
+            text = f"calibrated, but the calibration cannot be kept: {path} cannot be written ({reason})"
+            self.failures.append(text)
+            self._tell(
+                Level.ERROR, f"{text}. It holds until the session ends; make room and calibrate again to keep it"
+            )
         for verdict in calibration.verdicts:
             self._tell(Level.NOTE if verdict.level is VerdictLevel.GOOD else Level.WARNING, str(verdict))

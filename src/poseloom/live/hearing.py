@@ -3,11 +3,11 @@
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice, pairwise
 
 from poseloom.live.assembling import Assembler, Assembly
 from poseloom.live.clock import ClockSettings, DeviceClock, step_clock
 from poseloom.live.contract import Counters, Level
-from poseloom.live.pacing import Pace, step_pace
 from poseloom.live.readings import Packet
 from poseloom.live.sinks.outlet import Tell
 from poseloom.sensors import Sample, SensorLayout
@@ -17,10 +17,13 @@ _MOST_STREAMS = 64
 """Senders whose clocks are remembered: somebody who invents senders must not fill the memory."""
 _RATE_OVER = 240
 """Samples over which the rate is told."""
-_FILL_AFTER = 0.1
-"""Seconds of complete silence after which empty samples keep the figure going."""
-_FILL_FULL, _FILL_SLOW = 10.0, 0.5
-"""Seconds of silence after which empty samples become rare, and seconds between them then."""
+_FILL_AFTER, _FILL_AFTER_MOST = 0.1, 0.5
+"""Seconds of complete silence after which empty samples keep the figure going: the least, and the most, for devices
+that are so slow that they are silent for longer between their samples."""
+_USUAL_GAPS = 2.0
+"""Usual times between samples that make a silence."""
+_RECENT = 8
+"""Samples by which it is told how far apart they usually come."""
 
 
 class Hearing:
@@ -33,6 +36,10 @@ class Hearing:
         alone: Whether there is one source only, which then knows when it has said all.
         thin: Whether samples beyond the layout's rate are left out.
         clock: When a device's clock is believed to have jumped.
+
+    Session time is the host's monotonic time at which a sample was measured: as its device's clock says, put on the
+    host's, or else when it came. It is never ahead of the host's clock by more than a quarter of a period, and behind
+    it by the network's delay. Only a recording that is played at another speed brings its own time along.
     """
 
     def __init__(
@@ -44,15 +51,15 @@ class Hearing:
         thin: bool = True,
         clock: ClockSettings | None = None,
     ) -> None:
-        self._assembler = Assembler(layout)
+        self._assembler = Assembler(layout, thin)
         self._assembly = Assembly()
-        self._admit, self._tell, self._alone, self._thin = admit, tell, alone, thin
+        self._admit, self._tell, self._alone = admit, tell, alone
         self._clock_settings = clock or ClockSettings()
         self._clocks: OrderedDict[str, DeviceClock] = OrderedDict()
-        self._pace = Pace()
+        self._paced_from: float | None = None
         self._arrivals: deque[float] = deque(maxlen=_RATE_OVER)
         self._filled_at: float | None = None
-        self._counters = Counters()
+        self._counts = dict.fromkeys(("packets", "malformed", "stale", "samples", "lost", "filled", "usable"), 0)
 
     @property
     def counters(self) -> Counters:
@@ -61,13 +68,26 @@ class Hearing:
         if len(self._arrivals) > 1:
             span = self._arrivals[-1] - self._arrivals[0]
             rate = (len(self._arrivals) - 1) / span if span > 0 else 0.0
-        return replace(self._counters, rate=rate)
+        assembly = self._assembly
+        counts = {**self._counts, "superseded": assembly.superseded, "stale": self._counts["stale"] + assembly.late}
+        return Counters(**counts, rate=rate)
+
+    def session_time(self, newest: Sample, now: float) -> float:
+        """The session's time at a moment of the host's clock, with its newest sample: it goes on whatever comes.
+
+        Where a recording brings its own time along, that is the newest sample's until the next one.
+        """
+        return newest.time + (now - newest.arrival if self._paced_from is None else 0.0)
 
     def packet(self, packet: Packet, arrival: float, stream: str) -> bool:
         """See `Listener`. False for a packet that is late or came twice."""
         self._count(packets=1, malformed=sum(not refusal.missing for refusal in packet.refused))
         time = arrival
-        if packet.time is not None:
+        if packet.time is not None and packet.paced:
+            if self._paced_from is None:
+                self._paced_from = arrival - packet.time
+            time = self._paced_from + packet.time
+        elif packet.time is not None:
             clock, told = step_clock(self._clock_of(stream), packet.time, arrival, self._clock_settings)
             self._clocks[stream] = clock
             if told is None:
@@ -76,9 +96,7 @@ class Hearing:
             time = told
         if not self._alone and packet.whole:
             packet = replace(packet, whole=False)
-        self._assembly, samples = self._assembler.hear(self._assembly, packet, time, arrival)
-        for sample in samples:
-            self._take(sample)
+        self._pass_on(*self._assembler.hear(self._assembly, packet, time, arrival), arrival)
         return True
 
     def malformed(self, reason: str, sender: str = "") -> None:
@@ -95,34 +113,36 @@ class Hearing:
 
     def poll(self, now: float) -> None:
         """Passes on what waits too long for other sensors, and empty samples while all is silent."""
-        self._assembly, samples = self._assembler.poll(self._assembly, now)
-        for sample in samples:
-            self._take(sample)
-        if not self._arrivals:
+        self._pass_on(*self._assembler.poll(self._assembly, now), now)
+        if not self._arrivals or self._assembly.pending or self._paced_from is not None:
             return
-        silence = now - self._arrivals[-1]
-        if silence < _FILL_AFTER:
-            return
-        step = self._assembler.period if silence < _FILL_FULL else _FILL_SLOW
-        due = self._arrivals[-1] + _FILL_AFTER if self._filled_at is None else self._filled_at + step
-        for _ in range(8):
-            if now < due:
-                return
-            self._assembly, sample = self._assembler.fill(self._assembly, now)
-            self._filled_at = due
-            due += step
+        period = self._assembler.period
+        begin = self._arrivals[-1] + self._silent_after()
+        due = begin if self._filled_at is None else self._filled_at + period
+        while now >= due:
+            # What a busy machine has missed is not made up for: session time stays with the host's clock.
+            self._filled_at = due = max(due, now - period)
+            self._assembly, sample = self._assembler.fill(self._assembly, due, now)
             self._count(samples=1, filled=1)
             self._admit(sample)
+            due += period
 
-    def _take(self, sample: Sample) -> None:
-        self._filled_at = None
-        self._arrivals.append(sample.arrival)
-        self._pace, wanted = step_pace(self._pace, sample.time, sample.arrival, self._assembler.layout.rate)
-        if self._thin and not wanted:
-            self._count(superseded=1)
-            return
-        self._count(samples=1, usable=int((sample.status == int(SensorStatus.OK)).any()))
-        self._admit(sample)
+    def _pass_on(self, assembly: Assembly, samples: tuple[Sample, ...], now: float) -> None:
+        """Takes over what is remembered after a packet, and passes on the samples that are done."""
+        for _ in range(assembly.gathered - self._assembly.gathered):
+            self._arrivals.append(now)
+            self._filled_at = None
+        self._assembly = assembly
+        for sample in samples:
+            self._count(samples=1, usable=int((sample.status == int(SensorStatus.OK)).any()))
+            self._admit(sample)
+
+    def _silent_after(self) -> float:
+        """Seconds without any sample from which all are silent, by how far apart they usually come."""
+        last = list(islice(reversed(self._arrivals), _RECENT))
+        gaps = sorted(later - earlier for earlier, later in pairwise(reversed(last)))
+        usual = gaps[len(gaps) // 2] if gaps else _FILL_AFTER_MOST
+        return min(max(_USUAL_GAPS * usual, _FILL_AFTER), _FILL_AFTER_MOST)
 
     def _clock_of(self, stream: str) -> DeviceClock:
         if stream not in self._clocks and len(self._clocks) >= _MOST_STREAMS:
@@ -131,26 +151,6 @@ class Hearing:
         self._clocks.move_to_end(stream)
         return clock
 
-    def _count(
-        self,
-        packets: int = 0,
-        malformed: int = 0,
-        stale: int = 0,
-        samples: int = 0,
-        superseded: int = 0,
-        lost: int = 0,
-        filled: int = 0,
-        usable: int = 0,
-    ) -> None:
-        now = self._counters
-        self._counters = replace(
-            now,
-            packets=now.packets + packets,
-            malformed=now.malformed + malformed,
-            stale=now.stale + stale,
-            samples=now.samples + samples,
-            superseded=now.superseded + superseded,
-            lost=now.lost + lost,
-            filled=now.filled + filled,
-            usable=now.usable + usable,
-        )
+    def _count(self, **more: int) -> None:
+        for name, number in more.items():
+            self._counts[name] += number

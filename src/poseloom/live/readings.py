@@ -85,6 +85,7 @@ class Packet:
         whole: Whether the device has said all that it will say of this moment, so that nothing is waited for.
         refused: Parts that came with these readings and are not used.
         messages: How many messages of each kind the packet carried, in words ("bones"), where a protocol has kinds.
+        paced: Whether `time` goes at another pace than the host's clock, as where a recording is played faster.
     """
 
     readings: Mapping[str, Reading] = field(default_factory=dict[str, Reading])
@@ -92,6 +93,7 @@ class Packet:
     whole: bool = False
     refused: tuple[Refusal, ...] = ()
     messages: Mapping[str, int] = field(default_factory=dict[str, int])
+    paced: bool = False
 
 
 NO_FIX = "no position yet: the quaternion is all zeros"

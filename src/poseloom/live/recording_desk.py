@@ -1,7 +1,7 @@
 """A session's recordings: one after the other, each with its own beginning."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -14,6 +14,9 @@ from poseloom.live.worker import Worked
 from poseloom.methods.fold import Engine
 from poseloom.sensors import Sample
 
+_LOOK_EVERY = 0.2
+"""Seconds between looks at recordings that are ending."""
+
 
 class RecordingDesk:
     """Begins and ends recordings, and passes on to the present one, if there is one.
@@ -22,19 +25,30 @@ class RecordingDesk:
         folder: Where files go for which only a kind is asked for.
         settings: What every recording says of how the session was set up.
         tell: Where trouble is told.
+
+    Attributes:
+        paths: Files that are whole, once their recording has ended.
+        failures: What was to be recorded and was not, in words.
     """
 
     def __init__(self, folder: Path, settings: Mapping[str, str], tell: Tell) -> None:
         self.paths: list[Path] = []
+        self.failures: list[str] = []
         self._folder, self._settings, self._tell = folder, settings, tell
         self._recorder: Recorder | None = None
         self._closing: list[threading.Thread] = []
+        self._ending: list[Recorder] = []
 
     @property
     def path(self) -> Path | None:
         """The file that is being written."""
         recorder = self._recorder
         return None if recorder is None or recorder.failed else recorder.path
+
+    @property
+    def waiting(self) -> int:
+        """How much has still to be written to files that have ended."""
+        return sum(recorder.waiting for recorder in self._ending)
 
     def begin(self, path: Path, facts: SessionFacts, engine: Engine, number: int) -> None:
         """Begins a recording at a sample's number; the present one ends.
@@ -57,7 +71,6 @@ class RecordingDesk:
             },
         )
         recorder = Recorder(path, header, number, self._tell)
-        self.paths.append(path)
         recorder.start(number, method_start(engine), 0.0)
         self._recorder = recorder
 
@@ -74,11 +87,22 @@ class RecordingDesk:
             thread = threading.Thread(target=self._finish, args=(recorder,), daemon=True)
             thread.start()
             self._closing.append(thread)
+            self._ending.append(recorder)
 
-    def wait(self) -> None:
-        """Returns when all files are finished."""
+    def wait(self, waited: Callable[[], None] | None = None) -> None:
+        """Returns when all files are finished; `waited` is called a few times a second while that takes long."""
         for thread in self._closing:
-            thread.join()
+            while thread.is_alive():
+                thread.join(_LOOK_EVERY)
+                if waited is not None:
+                    waited()
+
+    def discard(self) -> None:
+        """Ends the present recording without a file: the session has not begun."""
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            recorder.stop()
+            recorder.path.unlink(missing_ok=True)
 
     def sample(self, number: int, sample: Sample) -> None:
         """Passes on a raw sample."""
@@ -110,8 +134,17 @@ class RecordingDesk:
 
     def _finish(self, recorder: Recorder) -> None:
         recorder.stop()
-        if not recorder.failed:
-            self._tell(Level.NOTE, f"recorded {recorder.samples} samples to {recorder.path}")
+        path, samples = recorder.path, recorder.samples
+        if recorder.failed:
+            self.failures.append(f"the recording {path} ends early, after {samples} samples: {recorder.failure}")
+        elif recorder.dropped:
+            self.failures.append(f"the recording {path} lacks {recorder.dropped} parts: the disk was too slow")
+        elif samples == 0:
+            path.unlink(missing_ok=True)
+            self._tell(Level.WARNING, f"nothing came while {path} was open: there is no recording of it")
+        else:
+            self.paths.append(path)
+            self._tell(Level.NOTE, f"recorded {samples} samples to {path}")
 
 
 def method_start(engine: Engine) -> MethodStart:

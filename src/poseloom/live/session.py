@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -29,7 +30,7 @@ from poseloom.live.hearing import Hearing
 from poseloom.live.helm import Helm
 from poseloom.live.notices import Notices
 from poseloom.live.recording_desk import RecordingDesk
-from poseloom.live.session_plan import SessionPlan, SessionSummary
+from poseloom.live.session_plan import Closing, SessionPlan, SessionSummary
 from poseloom.live.sinks.outlet import Outlet
 from poseloom.live.watch import Watch, WatchState, ended_findings, new_findings
 from poseloom.live.worker import MethodWorker, Worked, warm_up
@@ -41,6 +42,8 @@ _TICK = 0.01
 _FAILURES_TOLD_EVERY = 2.0
 _QUIET = 0.5
 """Seconds without a sample from which notices take another way to the sinks than the updates."""
+_STARTING = 2.0
+"""Seconds in which a source that cannot begin ends the session, whatever others have said."""
 
 
 class Session:
@@ -116,16 +119,21 @@ class Session:
 
     # From beginning to end
 
-    def run(self) -> SessionSummary:
+    def run(self, closing: Closing | None = None) -> SessionSummary:
         """Runs until the sources have nothing more to say, the time is up, or `stop` is called.
+
+        A session that cannot begin leaves no file behind, and no file that was there is touched.
+
+        Args:
+            closing: Told how far files are that are being finished, from any thread.
 
         Raises:
             PoseloomError: if a source or sink cannot begin, or the method does not fit.
         """
         with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
-            return runner.run(self._main())
+            return runner.run(self._main(closing))
 
-    async def _main(self) -> SessionSummary:
+    async def _main(self, closing: Closing | None) -> SessionSummary:
         plan = self.plan
         engine = Engine(plan.method, plan.make(plan.method), plan.skeleton, plan.placements)
         warm_up(engine, plan.layout)
@@ -148,9 +156,14 @@ class Session:
             for command in self._early:
                 self._command(command)
             await self._listen()
+        except PoseloomError:
+            self._records.discard()
+            for outlet in self._outlets:
+                outlet.discard()
+            raise
         finally:
             self._loop = None
-            await asyncio.to_thread(self._finish, opened)
+            await asyncio.to_thread(self._finish, opened, closing)
         return SessionSummary(
             self.counters,
             self.delays.overall(),
@@ -159,6 +172,8 @@ class Session:
             tuple(self._records.paths),
             self._arrivals.overall().text,
             self._arrivals.refused,
+            tuple(path for outlet in self._outlets for path in getattr(outlet.sink, "written", ())),
+            self._failures(),
         )
 
     async def _listen(self) -> None:
@@ -183,8 +198,9 @@ class Session:
 
     def _source_ended(self, task: "asyncio.Task[Any]") -> None:
         error = task.exception()
-        if isinstance(error, PoseloomError) and self._number == 0:
-            raise error
+        starting = self._number == 0 or time.monotonic() - self._began < _STARTING
+        if isinstance(error, PoseloomError) and starting:
+            raise error  # it cannot even begin, though another source may have been quicker
         if error is not None:
             self.tell(Level.ERROR, f"a source has failed and is heard no more: {error}")
 
@@ -198,8 +214,7 @@ class Session:
             self._hearing.poll(now)
             self._announce(now)
             if self._newest is not None:
-                # Session time goes on from the newest sample, whether anything comes or not.
-                self._judge(self._newest.time + now - self._newest.arrival)
+                self._judge(self._hearing.session_time(self._newest, now))
             if self.plan.seconds is not None and now - self._began >= self.plan.seconds:
                 self._end.set()
 
@@ -213,12 +228,38 @@ class Session:
             self._announced = self._notices.count
             self._helm.announce(status or self._helm.facts.arrivals, self._notices.shown)
 
-    def _finish(self, opened: list[Outlet]) -> None:
+    def _finish(self, opened: list[Outlet], closing: Closing | None) -> None:
+        def told(what: str, waiting: Callable[[], int]) -> Callable[[], None]:
+            def tell() -> None:
+                # A terminal that has gone away must not cost the files.
+                with contextlib.suppress(Exception):
+                    if closing is not None:
+                        closing(what, waiting())
+
+            return tell
+
         self._worker.stop()
-        for outlet in opened:
-            outlet.close()
         self._records.end()
-        self._records.wait()
+        for outlet in opened:
+            outlet.close(told(outlet.sink.name, lambda outlet=outlet: outlet.waiting))
+        self._records.wait(told("recording", lambda: self._records.waiting))
+
+    def _failures(self) -> tuple[str, ...]:
+        """What was to be kept and was not, and how it can be had nevertheless."""
+        exports = [outlet for outlet in self._outlets if outlet.keeps]
+        lost = [f"{outlet.sink.name}: {outlet.failure}" for outlet in exports if outlet.failure]
+        lost += [
+            f"{outlet.sink.name} lacks {outlet.unseen} poses (interpolated): the disk was too slow"
+            for outlet in exports
+            if outlet.unseen and not outlet.failure
+        ]
+        recorded = self._records.paths
+        back = (
+            f"the recording holds it: poseloom reconstruct {recorded[-1]} -o FILE"
+            if recorded
+            else "nothing else holds it, for no recording is whole; --record keeps one"
+        )
+        return (*self._records.failures, *(f"{text}; {back}" for text in lost), *self._calibration.failures)
 
     # In the event loop: samples in
 

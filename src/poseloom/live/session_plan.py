@@ -11,6 +11,9 @@ from poseloom.methods.contract import Reconstructor
 from poseloom.sensors import Placement, SensorLayout
 from poseloom.skeleton.skeleton import Skeleton
 
+Closing = Callable[[str, int], None]
+"""Called a few times a second while files are being finished: what is, and how much of it waits."""
+
 
 @dataclass(frozen=True, eq=False)
 class SessionPlan:
@@ -33,7 +36,7 @@ class SessionPlan:
         capacity: Samples that may wait for the method.
         patience: Seconds for which one may wait if a newer one waits, too.
         notes: What people are told when the session begins.
-        thin: Whether samples beyond the layout's rate are left out; not where a recording is played faster.
+        thin: Whether samples beyond the layout's rate are left out.
     """
 
     sources: tuple[Source, ...]
@@ -64,9 +67,11 @@ class SessionSummary:
         latency: Milliseconds from arrival to pose sent: median, 95th and 99th percentile, over the whole session.
         seconds: How long it lasted.
         notices: The last thousand notices.
-        recordings: Files that were recorded.
+        recordings: Files that were recorded whole.
         arrivals: What arrived in the whole session, in words.
         refused: How many parts of packets were refused, by reason, the commonest first.
+        exports: Files that were exported whole.
+        failures: What was to be kept in a file and was not, with the way to get it back, in words. Empty: nothing.
     """
 
     counters: Counters
@@ -76,3 +81,5 @@ class SessionSummary:
     recordings: tuple[Path, ...]
     arrivals: str = ""
     refused: Mapping[str, int] = field(default_factory=dict[str, int])
+    exports: tuple[Path, ...] = ()
+    failures: tuple[str, ...] = ()

@@ -18,6 +18,7 @@ from poseloom.live.session_plan import SessionPlan
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource
+from poseloom.live.source_serial import LineFileSource
 from poseloom.live.specifications import make_sender, make_source
 from poseloom.methods.choose import default_method, maker, ready_methods
 from poseloom.methods.reconstruction import rate_note
@@ -138,6 +139,7 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
             remedy="Give --source, such as vmc://:39539, udp://:9870, serial:///dev/ttyACM0 or simulate://sample:walk",
         )
     sources = tuple(make_source(text) for text in settings.source)
+    _check_speeds(sources)
     heard = joint_layout(sources, settings.layout)
     library = open_library(Path(settings.library)) if settings.library else None
     make = maker(heard, library, settings.model or None)
@@ -161,8 +163,17 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
         settings=_told(settings, library),
         seconds=settings.seconds or None,
         notes=notes,
-        thin=all(source.speed == 1.0 for source in sources if isinstance(source, ReplaySource)),
     )
+
+
+def _check_speeds(sources: Sequence[Source]) -> None:
+    """Raises SensorError where one of several sources is played at another speed: they would share no time."""
+    for source in sources:
+        if len(sources) > 1 and isinstance(source, ReplaySource | LineFileSource) and source.speed != 1.0:
+            raise SensorError(
+                f"{source.name} is played at {source.speed:g} times its speed, beside other sources at theirs",
+                remedy="Leave the speed out, or play it alone",
+            )
 
 
 def joint_layout(sources: Sequence[Source], name: str) -> SensorLayout:

@@ -14,7 +14,7 @@ class ReplaySource:
     Args:
         recording: The samples.
         title: What it is, in words.
-        speed: How many times faster than it was recorded.
+        speed: How many times faster than it was recorded; the session's time then runs as much faster.
         loop: Whether to begin again at its end.
     """
 
@@ -43,7 +43,8 @@ class ReplaySource:
                 moment = turn * cycle + float(times[index])
                 await asyncio.sleep(max(0.0, begin + moment / self.speed - time.monotonic()))
                 readings = readings_of_sample(self.recording.sample(index), self.layout)
-                listener.packet(Packet(readings, moment / self.speed, whole=True), time.monotonic(), self.name)
+                packet = Packet(readings, moment, whole=True, paced=self.speed != 1.0)
+                listener.packet(packet, time.monotonic(), self.name)
             if not self.loop:
                 return
             turn += 1

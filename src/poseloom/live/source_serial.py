@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -166,7 +167,9 @@ class LineFileSource:
             first = packets[0].time
             at = number / self.layout.rate if packet.time is None or first is None else packet.time - first
             await asyncio.sleep(max(0.0, begin + at / self.speed - time.monotonic()))
-            listener.packet(packet, time.monotonic(), stream)
+            # Lines without times go by the host's clock, at the file's own pace.
+            heard = packet if self.speed == 1.0 else replace(packet, time=at, paced=True)
+            listener.packet(heard, time.monotonic(), stream)
 
     def _lines(self) -> list[bytes]:
         try:

@@ -67,6 +67,40 @@ def interpolate_pose_vectors(
     return straight
 
 
+class EvenPoses:
+    """Gives a pose at every whole period after the first one's time: as they are, or between their neighbours.
+
+    Args:
+        rate: Poses a second that are wanted.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._rate = rate
+        self._next = 0
+        self._first: float | None = None
+        self._places = np.empty(0)
+        self._q = np.empty((0, 0))
+
+    def add(self, times: Floats[Array, "poses"], q: Floats[Array, "poses dofs"]) -> Floats[Array, "frames dofs"]:
+        """Takes in poses, each later than the one before; returns those at the even times up to the last."""
+        if self._first is None:
+            self._first, self._q = float(times[0]), q[:0]
+        places = np.concatenate([self._places, (times - self._first) * self._rate])
+        q = np.concatenate([self._q, q])
+        wanted = np.arange(self._next, int(np.floor(places[-1] + _EVEN)) + 1)
+        self._next += len(wanted)
+        self._places, self._q = places[-1:], q[-1:]
+        if len(places) == 1 or not len(wanted):
+            return q[: len(wanted)]
+        before = np.clip(np.searchsorted(places, wanted, side="right") - 1, 0, len(places) - 2)
+        share = np.clip((wanted - places[before]) / (places[before + 1] - places[before]), 0.0, 1.0)
+        rows = interpolate_pose_vectors(q[before], q[before + 1], share)
+        nearest = before + (share > 0.5)
+        as_they_are = np.abs(places[nearest] - wanted) <= _EVEN
+        rows[as_they_are] = q[nearest[as_they_are]]
+        return rows
+
+
 def even_motion(
     skeleton: Skeleton, times: Floats[Array, "frames"], q: Floats[Array, "frames dofs"], rate: float, name: str
 ) -> Motion:
@@ -79,20 +113,15 @@ def even_motion(
     """
     rising = np.concatenate([[True], np.diff(np.maximum.accumulate(times)) > 0])
     times, q = times[rising], q[rising]
-    places = (times - times[0]) * rate
-    if len(times) < 2 or np.abs(places - np.arange(len(times))).max() <= _EVEN:
-        return make_motion(skeleton, q, rate, name)
-    if exceeds_room(float(places[-1]), len(times), q.shape[1]):
+    span = float((times[-1] - times[0]) * rate)
+    if exceeds_room(span, len(times), q.shape[1]):
         widest = int(np.argmax(np.diff(times)))
         raise PoseloomError(
             f"{len(times)} poses span {times[-1] - times[0]:.4g} s, too long to be filled at {rate:g} Hz",
             cause=f"{np.diff(times)[widest]:.4g} s lie between pose {widest} and the next",
             remedy="Cut the recording at that gap",
         )
-    wanted = np.arange(int(np.floor(places[-1])) + 1)
-    before = np.clip(np.searchsorted(places, wanted, side="right") - 1, 0, len(times) - 2)
-    share = (wanted - places[before]) / (places[before + 1] - places[before])
-    return make_motion(skeleton, interpolate_pose_vectors(q[before], q[before + 1], share), rate, name)
+    return make_motion(skeleton, EvenPoses(rate).add(times, q), rate, name)
 
 
 def frame_instants(count: int, old: float, new: float) -> tuple[Ints[Array, "instants"], Floats[Array, "instants"]]:

@@ -15,6 +15,7 @@ def live_figures(results: Results, commit: str) -> str:
         "to its pose handed to the system for sending.",
         *(_long(rows, name) for name in dict.fromkeys(row.method for row in rows if row.table == "endurance")),
         _wide(rows, "fast input", "240 Hz input"),
+        _wide(rows, "session time", "Session time beside arrival, in sessions at 40 Hz"),
         _wide(rows, "two sessions", "Two sessions in one process"),
         _faults(rows),
         _hostile(rows),

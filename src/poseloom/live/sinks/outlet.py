@@ -1,7 +1,7 @@
 """A sink with its thread and its bounded queue, so that a slow or failing one costs nobody else anything."""
 
-import contextlib
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -12,7 +12,10 @@ Tell = Callable[[Level, str], None]
 """Called with what a person should know, from any thread."""
 
 _LONGEST_CLOSE = 30.0
-"""Seconds that a sink may take to end."""
+"""Seconds that a sink may take to end, but for one that makes a file: that is waited for."""
+
+_LOOK_EVERY = 0.2
+"""Seconds between looks at a sink that is ending."""
 
 
 class Outlet:
@@ -22,12 +25,18 @@ class Outlet:
         sink: The sink.
         post: Where its commands go.
         tell: Where its failures are told.
+
+    Attributes:
+        unseen: Updates that it did not get.
+        alive: Whether it gets updates.
+        failure: Why it has failed; empty while it has not.
     """
 
     def __init__(self, sink: Sink, post: Post, tell: Tell) -> None:
         self.sink = sink
         self.unseen = 0
         self.alive = False
+        self.failure = ""
         self._post, self._tell = post, tell
         self._waiting: deque[Update | SessionFacts | None] = deque()
         self._updates = 0
@@ -81,8 +90,28 @@ class Outlet:
             self._updates += 1
             self._change.notify()
 
-    def close(self) -> None:
-        """Lets the sink take what waits, and closes it."""
+    @property
+    def keeps(self) -> bool:
+        """Whether the sink makes a file, so that its failure is a loss."""
+        return bool(getattr(self.sink, "keeps", False))
+
+    @property
+    def waiting(self) -> int:
+        """Updates that it has still to take."""
+        return self._updates
+
+    def discard(self) -> None:
+        """Lets a sink that makes a file leave none when it is closed."""
+        discard: Callable[[], None] | None = getattr(self.sink, "discard", None)
+        if discard is not None:
+            discard()
+
+    def close(self, waited: Callable[[], None] | None = None) -> None:
+        """Lets the sink take what waits, and closes it.
+
+        Args:
+            waited: Called a few times a second while that takes long.
+        """
         if self._thread is None:
             if self.alive:
                 self.alive = False
@@ -91,7 +120,13 @@ class Outlet:
         with self._change:
             self._waiting.append(None)
             self._change.notify()
-        self._thread.join(_LONGEST_CLOSE)
+        end = time.monotonic() + _LONGEST_CLOSE
+        while self._thread.is_alive() and (self.keeps or time.monotonic() < end):
+            self._thread.join(_LOOK_EVERY)
+            if waited is not None:
+                waited()
+        if self._thread.is_alive():
+            self._tell(Level.WARNING, f"{self.sink.name} does not end; it is left")
 
     def _run(self, facts: SessionFacts, opened: threading.Event, failure: list[Exception]) -> None:
         try:
@@ -111,8 +146,7 @@ class Outlet:
                     break
         finally:
             self.alive = False
-            with contextlib.suppress(Exception):
-                self.sink.close()
+            self._guarded(self.sink.close)
 
     def _next(self) -> Update | SessionFacts | None:
         with self._change:
@@ -129,4 +163,8 @@ class Outlet:
         except Exception as error:
             self.alive = False
             reason = str(error) if isinstance(error, PoseloomError) else f"{type(error).__name__}: {error}"
-            self._tell(Level.ERROR, f"{self.sink.name} has failed and gets no more poses: {reason}")
+            if self.failure:
+                return  # a sink that has failed may fail again when it is closed
+            self.failure = reason
+            failed = "HAS FAILED" if self.keeps else "has failed"
+            self._tell(Level.ERROR, f"{self.sink.name} {failed} and gets no more poses: {reason}")

@@ -30,6 +30,11 @@ class Recorder:
         first: Number of the first sample that it keeps.
         tell: Where trouble with the disk is told.
 
+    Attributes:
+        samples: How many were written.
+        dropped: Samples, steps and findings that were not, because the disk was too slow.
+        failure: Why the recording has stopped; empty while it has not.
+
     Raises:
         SensorError, FormatError, OSError: if the file cannot be begun.
     """
@@ -38,7 +43,7 @@ class Recorder:
         self.path, self.first = path, first
         self.samples = 0
         self.dropped = 0
-        self.failed = False
+        self.failure = ""
         self._names = header.layout.names
         self._tell = tell
         self._writer = SessionWriter(path, header)
@@ -47,6 +52,16 @@ class Recorder:
         self._change = threading.Condition()
         self._thread = threading.Thread(target=self._run, name=f"recorder {path.name}", daemon=True)
         self._thread.start()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the recording has stopped."""
+        return bool(self.failure)
+
+    @property
+    def waiting(self) -> int:
+        """How much has still to be written."""
+        return len(self._waiting)
 
     def sample(self, number: int, sample: Sample) -> None:
         """Keeps a raw sample; they come in order."""
@@ -113,6 +128,9 @@ class Recorder:
             self._give_up(error.strerror or str(error))
         except PoseloomError as error:
             self._give_up(str(error))
+        # Whatever it is, the file is not whole, and nobody else would say so.
+        except Exception as error:
+            self._give_up(f"{type(error).__name__}: {error}")
 
     def _write_all(self) -> None:
         flushed = time.monotonic()
@@ -131,7 +149,7 @@ class Recorder:
                 flushed = time.monotonic()
 
     def _give_up(self, reason: str) -> None:
-        self.failed = True
+        self.failure = reason or "unknown reason"
         with contextlib.suppress(Exception):  # finishing needs the disk, too; what was flushed stays readable
             self._writer.__exit__(None, None, None)
         self._tell(
