@@ -27,6 +27,7 @@ from poseloom.live.session import Session
 from poseloom.live.setup import LiveSettings, plan_session
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.sinks.outlet import Outlet
+from poseloom.live.source_replay import ReplaySource
 from poseloom.methods import Frame, Health, make_method, reconstruct
 from poseloom.samples import sample_motions
 from poseloom.sensors import layout
@@ -260,8 +261,11 @@ def test_recording_export_and_reconstruction_last_as_long(tmp_path: Path):
     heard = read_recording(recording)
     lasts = float(heard.times[-1] - heard.times[0])
     spoke = float(heard.arrivals[-1] - heard.arrivals[0])
-    assert lasts > 3.0
-    assert abs(lasts - spoke) < 0.1
+    source = plan.sources[0]
+    assert isinstance(source, ReplaySource)
+    said = float(source.recording.times[-1] - source.recording.times[0])
+    # What a busy machine says late is measured when it should have been said.
+    assert said - 0.1 < lasts < spoke + 0.1
     made = read_motion(export)
     assert made.rate == 40.0
     assert abs((len(made) - 1) / 40.0 - lasts) <= 0.05
