@@ -1,6 +1,8 @@
-"""Arrays out of `.npy` bytes that a stranger may have written: no shape may ask for more than the bytes that follow."""
+"""Arrays as `.npy` bytes: read from a stranger's, whose shape may ask for no more than the bytes that follow, and
+written so that a full disk is noticed."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -48,3 +50,18 @@ def read_npy(stream: Any, size: int, name: str) -> NDArray[Any]:
     array = np.asarray(array, order="C")
     array.flags.writeable = False
     return array
+
+
+def write_npy(path: Path, array: NDArray[Any]) -> None:
+    """Writes an array row by row.
+
+    Not by `numpy.save`: that writes through a buffer of C's, and where the disk is full at its end, the last bytes are
+    lost without a word.
+
+    Raises:
+        OSError: where not all of it can be written.
+    """
+    rows = np.asarray(array, order="C")
+    with path.open("wb") as stream:
+        npy.write_array_header_1_0(stream, npy.header_data_from_array_1_0(rows))
+        stream.write(rows.reshape(-1).view(np.uint8).data)

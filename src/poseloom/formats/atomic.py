@@ -22,15 +22,26 @@ def check_folder(target: Path, kind: type[PoseloomError] = PoseloomError) -> Non
 
 
 @contextmanager
-def naming(target: str | Path) -> Generator[None, None, None]:
-    """Names the target in every OSError of the block that names no file, as that of a full disk, or a hidden one."""
+def naming(target: str | Path, within: Path | None = None) -> Generator[None, None, None]:
+    """Names the target in every OSError of the block that names no file, as that of a full disk, or a hidden one.
+
+    Args:
+        target: What the user knows of.
+        within: A folder that the user does not, such as one that will be renamed to the target: the target is named
+            for all that lies in it, in errors of ours too.
+    """
     try:
         yield
+    except PoseloomError as error:
+        if within is None or error.file is None or not Path(error.file).is_relative_to(within):
+            raise
+        raise error.at(target) from None
     except OSError as error:
         named = error.filename
         if error.errno is None:  # numpy's, where not all of an array could be written
             raise OSError(errno.ENOSPC, f"not all could be written ({error})", str(target)) from None
-        if named is None or Path(str(named)).name.startswith("."):
+        hidden = named is None or Path(str(named)).name.startswith(".")
+        if hidden or (within is not None and Path(str(named)).is_relative_to(within)):
             error.filename, error.filename2 = str(target), None
         raise
 

@@ -77,7 +77,7 @@ def new_folder(target: Path) -> Generator[Path, None, None]:
     part = target.with_name(f"{prefix}{os.getpid()}-{os.urandom(3).hex()}")
     part.mkdir()
     try:
-        with writing(part):
+        with naming(target, within=part), writing(part):
             yield part
             if sys.platform != "win32":
                 part.rename(target)
@@ -109,9 +109,10 @@ def new_generation(folder: Path) -> Generator[Path, None, None]:
         int(tail) for tail in (path.name.removeprefix(_GENERATION) for path in generations(folder)) if tail.isdigit()
     ]
     generation = folder / f"{_GENERATION}{max(numbers, default=0) + 1}"
-    generation.mkdir()
     try:
-        yield generation
+        with naming(folder, within=generation):
+            generation.mkdir()
+            yield generation
     except BaseException:
         shutil.rmtree(generation, ignore_errors=True)
         raise

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Bools, Floats, Floats32, Ints
 from poseloom.errors import FormatError, LibraryError
+from poseloom.formats._npy import write_npy
 from poseloom.formats.artefact_arrays import ArtefactArrays
 from poseloom.formats.atomic import naming
 from poseloom.library.features import FeatureMap, FeatureSettings, make_feature_map
@@ -199,7 +200,7 @@ def build_index(
     }
     for name, array in arrays.items():
         with naming(folder / f"{name}.npy"):
-            np.save(folder / f"{name}.npy", array)
+            write_npy(folder / f"{name}.npy", array)
 
 
 def load_index(

@@ -32,8 +32,8 @@ class PoseWriter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._write_header()
-        self._file.close()
+        with self._file:
+            self._write_header()
 
     def write(self, poses: Floats32[Array, "frames dofs"]) -> None:
         """Appends rows."""
