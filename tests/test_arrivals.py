@@ -29,7 +29,8 @@ from poseloom.live.osc import encode_bundle, encode_message
 from poseloom.live.readings import AT_ORIGIN, NO_FIX, Packet, Reading, Refusal
 from poseloom.live.session import Session
 from poseloom.live.session_plan import SessionSummary
-from poseloom.live.setup import LiveSettings, plan_session
+from poseloom.live.settings import LiveSettings
+from poseloom.live.setup import plan_session
 from poseloom.live.source import Source
 from poseloom.live.source_serial import LineFileSource, SerialSource
 from poseloom.live.sources_network import DatagramSource, VmcSource

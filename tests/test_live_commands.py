@@ -51,8 +51,11 @@ def test_mistakes_are_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFix
         (["live", "--config", str(tmp_path / "none")], "there is no such file"),
         (["reconstruct", str(tmp_path / "none"), "-o", str(tmp_path / "a.bvh")], "there is no such file"),
         (["reconstruct", str(tmp_path / "none"), "-o", str(tmp_path / "a.fbx")], "no motion can be exported as .fbx"),
-        (["simulate-device", "midi"], "unknown device 'midi'"),
-        (["simulate-device", "vmc", "sample:walk", "--to", "nowhere"], "is no HOST:PORT"),
+        (["simulate-device", "midi://:1"], "unknown scheme of a simulated device 'midi'"),
+        (["simulate-device", "vmc"], "Write vmc://:39539"),
+        (["simulate-device", "vmc://nowhere", "sample:walk"], "has no port"),
+        (["live", "-s", "vmc:39539"], "Write vmc://:39539"),
+        (["live", "-s", "vmc://:39539", "--send", "vmc:127.0.0.1:39540"], "Write vmc://127.0.0.1:39540"),
     ):
         assert run(arguments) == 2
         assert message in capsys.readouterr().err

@@ -41,7 +41,8 @@ from poseloom.live.lines import encode_counts
 from poseloom.live.reprocess import Comparison, compare_with_session, plan_reprocessing, recorded_motion, reprocess
 from poseloom.live.session import Session
 from poseloom.live.session_plan import SessionPlan, SessionSummary
-from poseloom.live.setup import LiveSettings, joint_layout, make_settings, plan_session, read_settings
+from poseloom.live.settings import LiveSettings, make_settings, read_settings
+from poseloom.live.setup import joint_layout, plan_session
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.sinks.vmc_sender import VmcSender
 from poseloom.live.source import Source
@@ -348,7 +349,8 @@ def test_a_full_disk_ends_the_recording_and_not_the_session(
 def test_a_kill_loses_the_last_second_at_most(tmp_path: Path):
     code = f"""
 import sys, threading, time
-from poseloom.live.setup import LiveSettings, plan_session
+from poseloom.live.settings import LiveSettings
+from poseloom.live.setup import plan_session
 from poseloom.live.session import Session
 settings = LiveSettings(source=("simulate://sample:walk?once=1",), record="{tmp_path}/a.mcap")
 session = Session(plan_session(settings))
@@ -505,7 +507,7 @@ def test_a_device_that_is_killed_and_started_again_is_heard_again():
     try:
         for turn in range(2):
             before = session.counters.samples - session.counters.filled
-            process = device("udp", "sample:walk", "--to", f"127.0.0.1:{source.port}")
+            process = device(f"udp://127.0.0.1:{source.port}", "sample:walk")
             try:
                 wait_for(lambda before=before: session.counters.samples - session.counters.filled > before + 30)
             finally:
@@ -535,7 +537,7 @@ class Straight(Reconstructor[int]):
 def test_a_serial_line_is_heard_until_and_after_it_goes_away(tmp_path: Path):
     link = tmp_path / "line"
 
-    process = device("serial", "sample:run", "--to", str(link), "--rate", "100")
+    process = device(f"serial://{link}", "sample:run", "--rate", "100")
     source, ears = SerialSource(FLEX, str(link)), Ears()
     session = Session(replace(plan_of(source, ears), make=lambda name: Straight()))
     thread, done = in_background(session)

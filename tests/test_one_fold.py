@@ -17,7 +17,8 @@ from poseloom.library import build_library, open_library
 from poseloom.live.contract import ResetHeading
 from poseloom.live.reprocess import compare_with_session, plan_reprocessing, reprocess
 from poseloom.live.session import Session
-from poseloom.live.setup import LiveSettings, plan_session
+from poseloom.live.settings import LiveSettings
+from poseloom.live.setup import plan_session
 from poseloom.live.virtual import virtual_recording
 from poseloom.methods import METHODS, InverseKinematics, MethodEntry, choose, needs_library, needs_model, reconstruct
 from poseloom.methods.choose import default_method, fitting_methods

@@ -95,7 +95,7 @@ def _live(out: Path, seconds: float) -> None:
     """A session on simulated trackers of a walk, which the library of the built-in motions does without."""
     from poseloom.cli.live import run_live
     from poseloom.library import build_library
-    from poseloom.live.setup import LiveSettings
+    from poseloom.live.settings import LiveSettings
 
     folder = out / "live-library"
     if not folder.exists():

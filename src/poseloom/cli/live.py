@@ -6,18 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from poseloom.errors import PoseloomError, SensorError, unknown_name
+from poseloom.cli._settings_options import with_settings
 
 if TYPE_CHECKING:
     from poseloom.live.contract import Sink
     from poseloom.live.session_plan import SessionPlan, SessionSummary
-    from poseloom.live.setup import LiveSettings
+    from poseloom.live.settings import LiveSettings
 
 NOTHING_USABLE = 3
 """Exit code of a session without a single usable sample."""
 _CLOSING_EVERY = 1.0
 """Seconds between lines on files that take long to finish."""
-_DEVICES = ("vmc", "udp", "udp-binary", "serial")
 
 
 def register(app: typer.Typer) -> None:
@@ -26,78 +25,19 @@ def register(app: typer.Typer) -> None:
     app.command("simulate-device")(simulate_device)
 
 
+@with_settings
 def live(
-    source: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--source",
-            "-s",
-            metavar="SPEC",
-            help="Where samples come from: vmc[:[HOST:]PORT], udp[:[HOST:]PORT], serial:DEVICE, replay:FILE,"
-            " simulate:CLIP; options behind commas (docs/live.md). May be repeated.",
-        ),
+    config: Annotated[
+        Path | None, typer.Option("--config", help="TOML file with the same as keys; options win.", metavar="FILE")
     ] = None,
-    method: Annotated[
-        str | None,
-        typer.Option("--method", "-m", help="How; with a library local-filter, else inverse-kinematics."),
-    ] = None,
-    library: Annotated[str | None, typer.Option("--library", "-l", help="Folder of a motion library.")] = None,
-    model: Annotated[str | None, typer.Option("--model", help="A fitted model, from `poseloom fit`.")] = None,
-    calibration: Annotated[
-        str | None, typer.Option("--calibration", "-c", help="Sizes and placements, from `poseloom calibrate`.")
-    ] = None,
-    layout: Annotated[str | None, typer.Option(help="Layout of all sources together.")] = None,
-    view: Annotated[bool | None, typer.Option("--view", help="Show the figure in a browser.")] = None,
-    port: Annotated[int | None, typer.Option(help="The viewer's port.", min=0, max=65535)] = None,
-    record: Annotated[str | None, typer.Option("--record", "-r", help="File to record to (.mcap).")] = None,
-    send: Annotated[
-        list[str] | None, typer.Option("--send", metavar="vmc:HOST:PORT", help="Send poses there. May be repeated.")
-    ] = None,
-    export: Annotated[
-        str | None, typer.Option("--export", help="File for the motion at the end: .bvh, .glb, .npz or .csv.")
-    ] = None,
-    bind: Annotated[
-        str | None,
-        typer.Option(
-            help="Address on which the viewer listens; 127.0.0.1 unless given. A source's own stands in the source:"
-            " vmc:0.0.0.0:39539."
-        ),
-    ] = None,
-    token: Annotated[
-        str | None,
-        typer.Option(
-            help="Secret that the viewer's visitors must know, on this machine too; 'new' draws one.", metavar="SECRET"
-        ),
-    ] = None,
-    folder: Annotated[
-        str | None, typer.Option(help="Where recordings and calibrations go that are asked for in the viewer.")
-    ] = None,
-    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.0)] = None,
-    config: Annotated[Path | None, typer.Option("--config", help="TOML file with the same as keys; flags win.")] = None,
+    **flags: object,
 ) -> None:
     """Turn what sensors say into a moving figure, now. Exit code 3: not a single usable sample arrived.
 
-    Example: poseloom live -s vmc -l library --view --record session.mcap --send vmc:127.0.0.1:39540
+    Example: poseloom live -s vmc://:39539 -l library --view --record session.mcap --send vmc://127.0.0.1:39540
     """  # fmt: skip
-    from poseloom.live.setup import make_settings, read_settings
+    from poseloom.live.settings import make_settings, read_settings
 
-    flags = {
-        "source": None if source is None else tuple(source),
-        "method": method,
-        "library": library,
-        "model": model,
-        "calibration": calibration,
-        "layout": layout,
-        "view": view,
-        "port": port,
-        "record": record,
-        "send": None if send is None else tuple(send),
-        "export": export,
-        "bind": bind,
-        "token": token,
-        "folder": folder,
-        "seconds": seconds,
-    }
     summary = run_live(make_settings(flags) if config is None else read_settings(config, flags))
     if summary.counters.usable == 0:
         raise typer.Exit(NOTHING_USABLE)
@@ -214,9 +154,15 @@ def _tell(console: object, summary: "SessionSummary") -> None:
 
 
 def simulate_device(
-    device: Annotated[str, typer.Argument(help=f"One of {', '.join(_DEVICES)}.", metavar="KIND")],
+    to: Annotated[
+        str,
+        typer.Argument(
+            help="Whom to speak to, and how: vmc://HOST:PORT, udp://HOST:PORT (?binary=1 for the binary form), or"
+            " serial:///PATH, a name for the line; serial:// leaves it unnamed.",
+            metavar="URL",
+        ),
+    ],
     clip: Annotated[str, typer.Argument(help="A motion file, or sample:NAME.")] = "sample:walk",
-    to: Annotated[str, typer.Option(help="HOST:PORT to send to; for serial the name to give the line.")] = "",
     layout: Annotated[str | None, typer.Option(help="Which sensors are worn.")] = None,
     rate: Annotated[float | None, typer.Option(help="Samples a second.", min=1.0)] = None,
     fault: Annotated[
@@ -228,43 +174,24 @@ def simulate_device(
 ) -> None:
     """Stand in for a device: speak its protocol to a session in another process, over and over.
 
-    Example: poseloom simulate-device vmc sample:walk --to 127.0.0.1:39539
+    Example: poseloom simulate-device vmc://127.0.0.1:39539 sample:walk
     """
     from dataclasses import replace
 
-    from poseloom.live.devices import LineSpeaker, play, pseudo_terminal
+    from poseloom.live.device_addresses import open_device
+    from poseloom.live.devices import play
     from poseloom.live.virtual import virtual_recording
     from poseloom.sensors import layout as layout_by_name
     from poseloom.synthesis import parse_fault
 
-    if device not in _DEVICES:
-        raise unknown_name("device", device, _DEVICES, SensorError)
-    worn = layout_by_name(layout or ("flex-four" if device == "serial" else "six-trackers"))
-    worn = replace(worn, rate=rate or (worn.rate if device == "serial" else 60.0))
+    device = open_device(to)
+    worn = layout_by_name(layout or device.layout)
+    worn = replace(worn, rate=rate or device.rate or worn.rate)
     recording = virtual_recording(clip, worn, [parse_fault(text) for text in fault or ()], seed)
     try:
-        if device == "serial":
-            with pseudo_terminal(Path(to) if to else None) as (write, name):
-                typer.echo(f"serial line {name}{f' as {to}' if to else ''}: {worn.rate:g} lines a second")
-                play(recording, LineSpeaker(write), seconds)
-        else:
-            _send(device, to, recording, seconds)
+        with device.speaker() as (speaker, told):
+            typer.echo(f"{told}: {worn.rate:g} samples a second")
+            said = play(recording, speaker, seconds)
+            typer.echo(f"sent {said} samples")
     except KeyboardInterrupt:
         typer.echo("Ended.")
-
-
-def _send(device: str, to: str, recording: object, seconds: float | None) -> None:
-    from poseloom.live.devices import DatagramSpeaker, binary_datagram, json_datagram, play, vmc_datagram
-    from poseloom.live.vmc import VMC_PORT
-    from poseloom.live.wire import WIRE_PORT
-    from poseloom.sensors import Recording
-
-    assert isinstance(recording, Recording)
-    encode = {"vmc": vmc_datagram, "udp": json_datagram, "udp-binary": binary_datagram}[device]
-    host, _, port = (to or f"127.0.0.1:{VMC_PORT if device == 'vmc' else WIRE_PORT}").rpartition(":")
-    if not host or not port.isdigit():
-        raise PoseloomError(f"{to!r} is no HOST:PORT", remedy="Write --to 127.0.0.1:39539")
-    typer.echo(f"{device} to {host}:{port}: {recording.layout.rate:g} samples a second")
-    with DatagramSpeaker(host, int(port), encode) as speaker:
-        play(recording, speaker, seconds)
-        typer.echo(f"sent {speaker.sent} datagrams")

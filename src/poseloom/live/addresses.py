@@ -3,12 +3,12 @@
 import ipaddress
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote, unquote
 
-from poseloom.errors import SensorError, unknown_name
+from poseloom.errors import PoseloomError, SensorError, unknown_name
 
 LOOPBACK = "127.0.0.1"
 _FLAGS = {"1": True, "true": True, "yes": True, "on": True, "0": False, "false": False, "no": False, "off": False}
@@ -134,15 +134,20 @@ class Address:
         return SensorError(f"the address {self.text!r} {fact}", remedy=remedy)
 
 
-def parse_address(text: str) -> Address | None:
-    """Takes a URL apart; None for what is no URL, for it has no `SCHEME://`.
+def parse_address(text: str, what: str, examples: Callable[[], Mapping[str, str]]) -> Address:
+    """Takes a URL apart. Whether its scheme is one that is known is not looked at.
+
+    Args:
+        text: The URL.
+        what: What it is the address of, for errors: "source".
+        examples: Gives an address of each scheme that is known; called for errors alone.
 
     Raises:
-        SensorError: for a fragment, a broken percent escape, or a key without a name.
+        SensorError: for what is no URL, telling what to write instead; for a fragment, or a broken percent escape.
     """
     scheme, separator, rest = text.strip().partition("://")
     if not separator or not _SCHEME.fullmatch(scheme):
-        return None
+        raise _no_url(text, what, examples())
     location, _, query = rest.partition("?")
     address = Address(scheme.lower(), location, _parse_query(query), text)
     if "#" in rest:
@@ -183,3 +188,37 @@ def _is_ip(text: str, version: int) -> bool:
         return ipaddress.ip_address(text).version == version
     except ValueError:
         return False
+
+
+def _no_url(text: str, what: str, examples: Mapping[str, str]) -> PoseloomError:
+    """The error for what is no URL: it names the one that was meant, or all schemes."""
+    instead = _instead(text.strip(), examples)
+    if instead:
+        return SensorError(f"{text!r} is no URL of a {what}", remedy=f"Write {instead}")
+    scheme, colon, _ = text.strip().partition(":")
+    if colon and scheme.isalnum() and not scheme.isdigit():
+        return unknown_name(f"scheme of a {what} in {text!r}:", scheme, examples, SensorError)
+    some = ", ".join(examples.values())
+    return SensorError(f"{text!r} is no URL of a {what}: it has no scheme", remedy=f"Write an address such as {some}")
+
+
+def _instead(text: str, examples: Mapping[str, str]) -> str:
+    """The URL that was meant by words with a colon and commas, or by a bare file; empty if that cannot be told."""
+    head, *words = text.split(",")
+    scheme, _, location = head.partition(":")
+    scheme, location = scheme.strip().lower(), location.strip()
+    if scheme not in examples:
+        kind = "replay" if text.endswith(".mcap") else "serial" if text.startswith("/dev/") else ""
+        return write_address(kind, text) if kind in examples else ""
+    query: list[tuple[str, str]] = []
+    for word in words:
+        key, equals, value = (part.strip() for part in word.partition("="))
+        if equals or key in ("loop", "once"):
+            query.append((key, value if equals else "1"))
+        elif not query:
+            location += f",{word}"
+    port = examples[scheme].rpartition(":")[2]
+    if port.isdigit():
+        location = f":{location or port}" if location.isdigit() or not location else location
+        location = location if ":" in location else f"{location}:{port}"
+    return write_address(scheme, location, query) if location else examples[scheme]

@@ -8,9 +8,10 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from poseloom.errors import SensorError
+from poseloom.live.addresses import bracketed
 
 _BUFFER = 1 << 20
 _LARGEST = 1 << 16
@@ -117,10 +118,10 @@ class DatagramPort:
             if self._batches >= _FLOOD and now - oldest > _TOO_OLD:
                 self._lost(1)
             else:
-                self._hear(data, now if arrival is None else arrival, f"{sender[0]}:{sender[1]}")
+                self._hear(data, now if arrival is None else arrival, f"{bracketed(sender[0])}:{sender[1]}")
         self._batches += 1
 
-    def _receive(self) -> tuple[bytes, list[tuple[int, int, bytes]], tuple[str, int]]:
+    def _receive(self) -> tuple[bytes, list[tuple[int, int, bytes]], tuple[Any, ...]]:
         if self._stamps is None:
             data, sender = self._socket.recvfrom(_LARGEST)
             return data, [], sender
@@ -219,7 +220,7 @@ def _options() -> list[tuple[int, int]]:
 
 def _refused(host: str, port: int, error: OSError) -> SensorError:
     return SensorError(
-        f"nothing can be heard on {host}:{port}",
+        f"nothing can be heard on {bracketed(host)}:{port}",
         cause=error.strerror or str(error),
         remedy="Choose another port, or end the program that has it; an address must be one of this machine's",
     )

@@ -1,20 +1,17 @@
 """From what a person asked for, on the command line or in a file, to the plan of a session."""
 
 import json
-import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, cast
 
 from poseloom.calibration.calibration import read_calibration
-from poseloom.errors import FormatError, SensorError, unknown_name
-from poseloom.formats._files import read_bytes
+from poseloom.errors import SensorError
 from poseloom.library import MotionLibrary, open_library
-from poseloom.live.addresses import LOOPBACK
 from poseloom.live.contract import Sink
 from poseloom.live.reprocess import CONFIGURATION, LIBRARY_DIGEST, MODEL_DIGEST, file_sha256
 from poseloom.live.session_plan import SessionPlan
+from poseloom.live.settings import LiveSettings
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.source import Source
 from poseloom.live.source_replay import ReplaySource
@@ -34,93 +31,6 @@ from poseloom.sensors import (
 from poseloom.sensors.rate import resample_recording, same_rate
 from poseloom.skeleton.body import average_body
 from poseloom.skeleton.skeleton import Skeleton
-
-
-@dataclass(frozen=True)
-class LiveSettings:
-    """What a person can ask of a live session: flags of `poseloom live`, and keys of its configuration file.
-
-    Attributes:
-        source: Where samples come from; see `make_source`.
-        method: Name of a method; empty: the recommended one if there is a library, else inverse kinematics.
-        library: Folder of a motion library.
-        model: File of a fitted model.
-        calibration: File of a calibration.
-        layout: Name of the layout of all sources together; empty: as the sources say.
-        view: Whether to show the session in a browser.
-        port: The viewer's port; 0: the first that is free from 8080 on.
-        record: File to record to.
-        send: Where poses are sent, such as "vmc://127.0.0.1:39540".
-        export: File for the motion when the session ends.
-        bind: Address on which the viewer listens; a source's address stands in the source (`vmc://0.0.0.0:39539`).
-        token: Secret that a visitor of the viewer must know, on this machine too; "new" draws one; empty: drawn where
-            other machines can reach the viewer, and none needed on this one.
-        folder: Where recordings and calibrations go that are asked for in the viewer.
-        seconds: How long to run; 0: until it is ended.
-    """
-
-    source: tuple[str, ...] = ()
-    method: str = ""
-    library: str = ""
-    model: str = ""
-    calibration: str = ""
-    layout: str = ""
-    view: bool = False
-    port: int = 0
-    record: str = ""
-    send: tuple[str, ...] = ()
-    export: str = ""
-    bind: str = LOOPBACK
-    token: str = ""
-    folder: str = "."
-    seconds: float = 0.0
-
-
-def read_settings(path: Path, flags: Mapping[str, Any]) -> LiveSettings:
-    """Settings from a TOML file, over which flags win.
-
-    Args:
-        path: The file; its keys are the fields of `LiveSettings`.
-        flags: What was given on the command line, by field; None where nothing was.
-
-    Raises:
-        FormatError: for a file that cannot be read, an unknown key, or a value of another type.
-    """
-    try:
-        content = tomllib.loads(read_bytes(path).decode("utf-8"))
-    except RecursionError:
-        raise FormatError("this is nested without end", remedy="Mend the file", file=path) from None
-    except ValueError as error:
-        raise FormatError("this is no TOML", cause=str(error), remedy="Mend the file", file=path) from None
-    return make_settings({**{key: _checked(key, value, path) for key, value in content.items()}, **_given(flags)})
-
-
-def make_settings(flags: Mapping[str, Any]) -> LiveSettings:
-    """Settings from what was given on the command line alone."""
-    return LiveSettings(**_given(flags))
-
-
-def _given(flags: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in flags.items() if value is not None}
-
-
-def _checked(key: str, value: Any, path: Path) -> Any:
-    known = {field.name: field for field in fields(LiveSettings)}
-    if key not in known:
-        raise unknown_name("key", key, known, FormatError).at(path)
-    default = known[key].default
-    if isinstance(default, tuple) and isinstance(value, str):
-        return (value,)
-    if isinstance(default, tuple):
-        items = cast("list[Any]", value) if isinstance(value, list) else [None]
-        if all(isinstance(item, str) for item in items):
-            return tuple(str(item) for item in items)
-    elif isinstance(value, type(default)) and isinstance(value, bool) == isinstance(default, bool):
-        return value
-    elif isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    wanted = "a text or a list of texts" if isinstance(default, tuple) else f"a {type(default).__name__}"
-    raise FormatError(f"the key {key!r} is not {wanted}", remedy="Mend the file", file=path)
 
 
 def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionPlan:

@@ -4,6 +4,7 @@ import abc
 import asyncio
 import ipaddress
 from collections.abc import Collection, Mapping
+from functools import lru_cache
 from typing import ClassVar
 
 from poseloom.live.addresses import bracketed
@@ -47,9 +48,10 @@ class PortSource(abc.ABC):
 
     async def run(self, listener: Listener) -> None:
         """See `Source`."""
+        machines = {_machine(address) for address in self.senders}
 
         def hear(data: bytes, arrival: float, sender: str) -> None:
-            if self.senders and sender.rpartition(":")[0] not in self.senders:
+            if machines and _machine(sender.rpartition(":")[0].strip("[]")) not in machines:
                 listener.malformed(f"from a machine that is not among {', '.join(sorted(self.senders))}", sender)
             else:
                 self.hear(data, arrival, sender, listener)
@@ -80,6 +82,16 @@ class PortSource(abc.ABC):
     @abc.abstractmethod
     def hear(self, data: bytes, arrival: float, sender: str, listener: Listener) -> None:
         """Takes in one datagram."""
+
+
+@lru_cache(maxsize=256)
+def _machine(address: str) -> str:
+    """An address in its one form: without the interface, and IPv4 as such where an IPv6 port receives it."""
+    try:
+        parsed = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    return str(getattr(parsed, "ipv4_mapped", None) or parsed)
 
 
 def is_loopback(host: str) -> bool:

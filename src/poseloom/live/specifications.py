@@ -1,14 +1,14 @@
 """The tables of sources and receivers, and what their addresses make: `vmc://:39539`, `simulate://sample:walk`."""
 
 import ipaddress
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import replace as replaced
 from pathlib import Path
 
-from poseloom.errors import Named, PoseloomError, SensorError, unknown_name
+from poseloom.errors import Named, SensorError
 from poseloom.formats.recording import read_recording
-from poseloom.live.addresses import Address, parse_address, write_address
+from poseloom.live.addresses import Address, parse_address
 from poseloom.live.contract import Sink
 from poseloom.live.sinks.vmc_sender import VmcSender
 from poseloom.live.source import Source
@@ -63,9 +63,9 @@ def make_source(text: str) -> Source:
     Raises:
         PoseloomError: for anything that is not understood, or a file that cannot be read.
     """
-    address = parse_address(text)
-    if address is None:
-        raise _no_url(text, "source", {scheme: row.example or f"{scheme}://" for scheme, row in SOURCES.items()})
+    address = parse_address(
+        text, "source", lambda: {scheme: row.example or f"{scheme}://" for scheme, row in SOURCES.items()}
+    )
     row = SOURCES.row(address.scheme)
     keys = row.keys
     if row.sensors_of:
@@ -80,9 +80,7 @@ def make_sender(text: str) -> Sink:
     Raises:
         SensorError: for anything else.
     """
-    address = parse_address(text)
-    if address is None:
-        raise _no_url(text, "receiver", _RECEIVERS)
+    address = parse_address(text, "receiver", lambda: _RECEIVERS)
     _ = _RECEIVERS[address.scheme]
     address.only(())
     return VmcSender(*address.host_and_port(VMC_PORT + 1, lowest=1))
@@ -90,40 +88,6 @@ def make_sender(text: str) -> Sink:
 
 _RECEIVERS = Named("scheme of a receiver", {"vmc": f"vmc://:{VMC_PORT + 1}"}, SensorError)
 """An example of each receiver's address, by its scheme."""
-
-
-def _no_url(text: str, what: str, examples: Mapping[str, str]) -> PoseloomError:
-    """The error for what is no URL: it names the one that was meant, or all schemes."""
-    instead = _instead(text.strip(), examples)
-    if instead:
-        return SensorError(f"{text!r} is no URL of a {what}", remedy=f"Write {instead}")
-    scheme, colon, _ = text.strip().partition(":")
-    if colon and scheme.isalnum() and not scheme.isdigit():
-        return unknown_name(f"scheme of a {what} in {text!r}:", scheme, examples, SensorError)
-    some = ", ".join(dict.fromkeys(examples.values()))
-    return SensorError(f"{text!r} is no URL of a {what}: it has no scheme", remedy=f"Write an address such as {some}")
-
-
-def _instead(text: str, examples: Mapping[str, str]) -> str:
-    """The URL that was meant by words with a colon and commas, or by a bare file; empty if that cannot be told."""
-    head, *words = text.split(",")
-    scheme, _, location = head.partition(":")
-    scheme, location = scheme.strip().lower(), location.strip()
-    if scheme not in examples:
-        kind = "replay" if text.endswith(".mcap") else "serial" if text.startswith("/dev/") else ""
-        return write_address(kind, text) if kind in examples else ""
-    query: list[tuple[str, str]] = []
-    for word in words:
-        key, equals, value = (part.strip() for part in word.partition("="))
-        if equals or key in ("loop", "once"):
-            query.append((key, value if equals else "1"))
-        elif not query:
-            location += f",{word}"
-    port = examples[scheme].rpartition(":")[2]
-    if port.isdigit():
-        location = f":{location or port}" if location.isdigit() or not location else location
-        location = location if ":" in location else f"{location}:{port}"
-    return write_address(scheme, location, query) if location else examples[scheme]
 
 
 def _vmc(address: Address) -> Source:

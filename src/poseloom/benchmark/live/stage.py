@@ -11,7 +11,8 @@ from pathlib import Path
 from poseloom.library import build_library
 from poseloom.live.contract import Sink
 from poseloom.live.session_plan import SessionPlan
-from poseloom.live.setup import LiveSettings, plan_session
+from poseloom.live.settings import LiveSettings
+from poseloom.live.setup import plan_session
 from poseloom.live.sources_network import DatagramSource, VmcSource
 from poseloom.viewer.session import SessionViewer
 
@@ -91,7 +92,7 @@ def device(
     kind: str, port: int, seconds: float | None = None, rate: float = RATE, faults: Sequence[str] = (), seed: int = 0
 ) -> Device:
     """Starts a simulated device that performs the walk, and waits until it speaks."""
-    command = [sys.executable, "-m", "poseloom", "simulate-device", kind, CLIP, "--to", f"127.0.0.1:{port}"]
+    command = [sys.executable, "-m", "poseloom", "simulate-device", f"{kind}://127.0.0.1:{port}", CLIP]
     command += ["--rate", f"{rate:g}", "--seed", str(seed)]
     command += [] if seconds is None else ["--seconds", f"{seconds:g}"]
     for fault in faults:
