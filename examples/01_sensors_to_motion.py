@@ -31,6 +31,7 @@ def main() -> None:
 
     poseloom.write_motion(result.motion, "walk.bvh")
     poseloom.write_motion(result.motion, "walk.glb")
+    assert recording.truth is not None  # it was simulated
     error = poseloom.evaluate_motion(recording.truth, result.motion)
     print(f"{len(result.motion)} frames in walk.bvh and walk.glb")
     print(f"joints off by {error['joint_position_cm']:.1f} cm, {error['joint_angle_deg']:.1f} degrees a joint angle")

@@ -45,6 +45,7 @@ class UnderTheHead(Reconstructor[Standing]):
 
 def main() -> None:
     recording = poseloom.simulate_trackers(poseloom.sample_motions()["walk"], poseloom.layout("six-trackers"))
+    assert recording.truth is not None  # it was simulated
     for method in (UnderTheHead(recording.layout), poseloom.InverseKinematics(recording.layout)):
         result = poseloom.reconstruct(method, recording)
         error = poseloom.evaluate_motion(recording.truth, result.motion)

@@ -36,8 +36,8 @@ def is_motion_file(path: Path) -> bool:
 
 
 def read_motions(
-    path: Path,
-    skeleton: Path | None = None,
+    path: str | Path,
+    skeleton: str | Path | None = None,
     *,
     metres_per_unit: float | None = None,
     rate: float | None = None,
@@ -75,7 +75,7 @@ def read_motions(
         )
     given = {"metres_per_unit": metres_per_unit, "rate": rate, "up": up}
     choices = replace(choices, **{name: value for name, value in given.items() if value is not None})
-    return read_as(_likeliest(formats, path), path, ReadOptions(skeleton, choices))
+    return read_as(_likeliest(formats, path), path, ReadOptions(None if skeleton is None else Path(skeleton), choices))
 
 
 def read_as(kind: Format, path: Path, options: ReadOptions = NO_OPTIONS) -> list[Motion]:
@@ -101,8 +101,8 @@ def read_as(kind: Format, path: Path, options: ReadOptions = NO_OPTIONS) -> list
 
 
 def read_motion(
-    path: Path,
-    skeleton: Path | None = None,
+    path: str | Path,
+    skeleton: str | Path | None = None,
     *,
     metres_per_unit: float | None = None,
     rate: float | None = None,
@@ -122,7 +122,7 @@ def read_motion(
     return motions[0]
 
 
-def write_motion(motion: Motion, path: Path) -> None:
+def write_motion(motion: Motion, path: str | Path) -> None:
     """Writes a motion as its file's suffix says (BVH, GLB, NPZ, or what a package adds), whole or not at all.
 
     Raises:
