@@ -1,36 +1,25 @@
 # make demo [DATA=FOLDER]   the whole way once: sensors in, motion out, a report to look at, in demo/
 # make test                 the tests; real recordings are used where POSELOOM_DATA (or its default folder) holds them
-# make check                style, types, layers, documents
+# make check                style, types, layers, documents and their site
+# make docs                 the documents and the reference of every public name as a site, in build/site
 # make benchmark            the figures of docs/benchmarks/core.md, measured again
 # make clean                removes what make made, but not .venv
+# Windows has no make: `python scripts/make.py TARGET` does the same.
 
 # The first Python that is new enough.
 PYTHON := $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
 	"$$p" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo "$$p" && break; done)
-BIN := .venv/bin
-ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1
+MAKE_PY := .venv/bin/python scripts/make.py
 
-.PHONY: demo test check benchmark clean
+.PHONY: demo test check docs benchmark clean
 .DEFAULT_GOAL := demo
 
-demo: .venv/installed
-	@$(BIN)/poseloom demo $(if $(DATA),--data "$(DATA)") -o demo
+# What each target does stands in scripts/make.py, which Windows runs itself.
+demo: | .venv/bin/pip
+	@$(MAKE_PY) demo $(if $(DATA),"$(DATA)")
 
-test: .venv/installed-dev
-	@$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadgroup --ignore tests/test_viewer_browser.py
-	@# A browser that draws without a graphics card needs both cores.
-	@$(ONE_THREAD) $(BIN)/python -m pytest tests/test_viewer_browser.py
-
-check: .venv/installed-dev
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/pyright
-	$(BIN)/lint-imports
-	$(BIN)/python scripts/check_docs.py
-
-benchmark: .venv/installed
-	@mkdir -p build
-	$(BIN)/poseloom benchmark core --json build/core.json --markdown docs/benchmarks/core.md
+test check docs benchmark: | .venv/bin/pip
+	@$(MAKE_PY) $@
 
 clean:
 	rm -rf build dist demo .pytest_cache .ruff_cache .hypothesis .import_linter_cache
@@ -47,13 +36,3 @@ else
 		echo "Install them (Debian and Ubuntu: apt install python3-venv), then run make again." >&2; exit 1; }
 	@$(PYTHON) -m venv .venv
 endif
-
-.venv/installed: pyproject.toml constraints.txt | .venv/bin/pip
-	@echo "Installing poseloom into .venv (about a minute, once)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[report]"
-	@touch $@
-
-.venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/pip
-	@echo "Installing poseloom and its development tools into .venv"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
-	@touch $@ .venv/installed

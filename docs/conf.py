@@ -22,6 +22,7 @@ default_role = "py:obj"  # docstrings write `name`, as Markdown does: a link whe
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True  # a dataclass's fields are described once, in its docstring
+napoleon_attr_annotations = False  # shapes are no reStructuredText
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"

@@ -26,23 +26,23 @@ def faces() -> dict[str, list[str]]:
     """The public names (`__all__`) of the front door and of every package, the front door first, then the shallow."""
     import poseloom
 
-    names = ["poseloom"]
-    for found in pkgutil.walk_packages(poseloom.__path__, "poseloom."):
-        if found.ispkg and not found.name.startswith(INTERNAL):
-            names.append(found.name)
+    packages = [found.name for found in pkgutil.walk_packages(poseloom.__path__, "poseloom.") if found.ispkg]
+    names = ["poseloom", *(name for name in packages if not name.startswith(INTERNAL))]
     names += ["poseloom.errors", "poseloom.testing"]
     modules = {name: importlib.import_module(name) for name in names if importlib.util.find_spec(name)}
     listed = {name: list(getattr(module, "__all__", ())) for name, module in modules.items()}
     errors = modules["poseloom.errors"]
-    listed["poseloom.errors"] = [n for n, o in vars(errors).items() if getattr(o, "__module__", "") == "poseloom.errors"]
+    listed["poseloom.errors"] = [
+        n for n, o in vars(errors).items() if getattr(o, "__module__", "") == "poseloom.errors"
+    ]
     return {name: listed[name] for name in sorted(listed, key=lambda name: (name.count("."), name)) if listed[name]}
 
 
 def homes(public: dict[str, list[str]]) -> dict[str, dict[str, str]]:
-    """For each face and name the face that describes it: the shallowest package, the front door only where none does."""
+    """For each face and name the face that describes it: the shallowest package, else the front door."""
     described: dict[int, str] = {}
     shown: dict[str, dict[str, str]] = {}
-    for face in [*(name for name in public if name != "poseloom"), "poseloom"]:
+    for face in sorted(public, key=lambda face: face == "poseloom"):  # the front door last
         module = importlib.import_module(face)
         shown[face] = {}
         for name in public[face]:
@@ -178,7 +178,9 @@ def main() -> int:
         return code
     defects = [*broken_links(SITE), *undescribed(shown, SITE)]
     names = sum(map(len, shown.values()))
-    print("\n".join(defects) or f"{SITE.relative_to(ROOT)}/index.html: {names} public names, every link leads somewhere")
+    print(
+        "\n".join(defects) or f"{SITE.relative_to(ROOT)}/index.html: {names} public names, every link leads somewhere"
+    )
     return 1 if defects else 0
 
 
