@@ -383,6 +383,13 @@ def test_twenty_thousand_nested_joints_are_read_in_two_seconds(tmp_path):
     assert float(seconds) < 2
 
 
+def test_texts_of_more_numbers_than_memory_is_taken_for_are_refused(tmp_path):
+    head = SMALL[: SMALL.index("Frames:")] + "Frames: 9\nFrame Time: 0.04\n"
+    with pytest.raises(FormatError, match="more than memory is taken for") as raised:
+        read_bvh(save(tmp_path, head.encode() + b"0 " * 28_000_000))
+    assert raised.value.file == str(tmp_path / "take.bvh")
+
+
 def test_writing_is_whole_or_not_at_all(tmp_path):
     motion = wandering_motion(1)
     target = save(tmp_path, "old", "old.bvh")

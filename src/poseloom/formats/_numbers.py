@@ -1,11 +1,13 @@
 """Numbers and words of a text file with the lines they stand in."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats, Ints
+from poseloom.errors import FormatError
 from poseloom.formats import _numbers_kernels as kernels
 
 
@@ -37,13 +39,29 @@ class Tokens:
         return self.text[int(self.begins[token]) : int(self.ends[token])].decode("latin-1")
 
 
-def scan(text: bytes, first_line: int = 1) -> Tokens:
-    """Splits text at blanks and commas into numbers and words."""
-    room = len(text) // 2 + 1
+_ROOM = 1 << 30
+"""Bytes beyond the text's own that its tokens may take."""
+_TOKEN_BYTES = 41
+
+
+def scan(text: bytes, first_line: int = 1, file: Path | None = None) -> Tokens:
+    """Splits text at blanks and commas into numbers and words.
+
+    Raises:
+        FormatError: where the tokens would take more than 1 GiB beyond the text's own size.
+    """
+    characters = np.frombuffer(text, dtype=np.uint8)
+    room = kernels.count_tokens(characters)
+    if room * _TOKEN_BYTES > _ROOM + len(text):
+        raise FormatError(
+            f"the file holds {room:,} numbers, more than memory is taken for",
+            cause="it holds many takes, or is no motion",
+            remedy="Split it",
+            file=file,
+        )
     values, words = np.empty(room), np.empty(room, dtype=np.int64)
     begins, ends, lines = (np.empty(room, dtype=np.int64) for _ in range(3))
     kinds: NDArray[np.int8] = np.empty(room, dtype=np.int8)
-    characters = np.frombuffer(text, dtype=np.uint8)
     count = kernels.scan(characters, first_line, values, kinds, begins, ends, lines, words)
     inexact = np.flatnonzero(kinds[:count] == kernels.INEXACT)
     places = zip(begins[inexact].tolist(), ends[inexact].tolist(), strict=True)

@@ -45,7 +45,7 @@ def read_amc(
     """
     content = _COMMENT.sub(b"", read_bytes(path))
     acclaim = read_asf(find_asf(path) if skeleton is None else skeleton)
-    tokens = scan(content)
+    tokens = scan(content, file=path)
     degrees, first = _header(tokens, acclaim, path)
     values = _values(tokens, first, acclaim, path)
     try:

@@ -69,7 +69,7 @@ def read_bvh(path: Path, metres_per_unit: float | None = None, choices: MotionCh
         raise FormatError("no joint has any channels, so nothing moves", remedy="Export it with its motion", file=path)
     line = content.count(b"\n", 0, mark.start()) + 2
     frames, rate, body, line = _motion_header(content, mark.end() + 1, line, path, choices)
-    values = _values(scan(body, line), frames, columns, line, path)
+    values = _values(scan(body, line, path), frames, columns, line, path)
     try:
         return settle(_motion(joints, values, rate, path.stem), path, choices)
     except PoseloomError as error:

@@ -45,7 +45,7 @@ def read_expmap(path: Path, skeleton: Path | None = None, choices: MotionChoices
             remedy="Give a file with one line a frame, values separated by commas",
             file=path,
         )
-    tokens = scan(content)
+    tokens = scan(content, file=path)
     wrong = np.flatnonzero(~np.isfinite(tokens.values))
     if wrong.size:
         token = int(wrong[0])
