@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError, SensorError
 from poseloom.formats._files import reading
@@ -133,16 +135,21 @@ def read_calibration(path: str | Path) -> Calibration:
             skeleton=skeleton,
             sensors=sensors,
             placements=placements,
-            coefficients=arrays.floats("coefficients", "components"),
+            coefficients=arrays.floats("coefficients", _components(artefact.arrays.get("coefficients"))),
             lengths=arrays.floats("lengths", "joints", low=0.0, high=100.0),
-            length_sigmas=arrays.floats("length_sigmas", "joints", low=0.0),
-            offset_sigmas=arrays.floats("offset_sigmas", "sensors 3", low=0.0),
-            turn_sigmas=arrays.floats("turn_sigmas", "sensors 3", low=0.0),
+            length_sigmas=arrays.floats("length_sigmas", "joints", low=0.0, missing=True),
+            offset_sigmas=arrays.floats("offset_sigmas", "sensors 3", low=0.0, missing=True),
+            turn_sigmas=arrays.floats("turn_sigmas", "sensors 3", low=0.0, missing=True),
             poses=poses,
             residuals=arrays.floats("residuals", "holds sensors 2", missing=True),
             deviations=arrays.floats("deviations", "holds", low=0.0),
             verdicts=verdicts,
         )
+
+
+def _components(coefficients: NDArray[Any] | None) -> str:
+    """The axis of a calibration's coefficients: there are none where one pose alone was held."""
+    return "0" if coefficients is not None and coefficients.shape == (0,) else "components"
 
 
 def apply_calibration(recording: Recording, calibration: Calibration) -> Recording:

@@ -5,6 +5,7 @@ from io import BufferedIOBase
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError
@@ -61,7 +62,7 @@ class BvhStream:
         self._file, self._skeleton, self._rate = file, skeleton, rate
         self._joints, self._moved = _depth_first(skeleton), [False] * len(skeleton)
         self._count = 0
-        self._last: tuple[Floats[Array, dofs], Floats[Array, columns]] | None = None
+        self._last: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         header = _header(
             skeleton, self._joints, self._moved, self._unit, self._order, " " * (self._digits - 1) + "0", rate
         ).encode()
@@ -72,7 +73,7 @@ class BvhStream:
         """Appends frames by their pose vectors."""
         before = () if self._last is None else (self._last[0][None],)
         motion = make_motion(self._skeleton, np.concatenate([*before, q]), self._rate)
-        columns = _columns(motion, self._joints, self._moved, self._unit, self._order)
+        columns: NDArray[np.float64] = _columns(motion, self._joints, self._moved, self._unit, self._order)
         if self._last is not None:
             # Angles go on from where they are, over any number of turns.
             columns = columns[1:] + 360.0 * np.round((self._last[1] - columns[0]) / 360.0)

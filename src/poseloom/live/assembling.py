@@ -144,7 +144,7 @@ class Assembler:
         return all(name in state.pending for name, last in state.heard.items() if arrival - last < self.speaking)
 
     def _close(self, state: Assembly, now: float, whole: bool = False) -> tuple[Assembly, tuple[Sample, ...]]:
-        kept = {} if whole or state.arrival - state.kept_since >= self.period else state.kept
+        kept: Mapping[str, Reading] = {} if whole or state.arrival - state.kept_since >= self.period else state.kept
         readings = {**kept, **state.pending}
         clock, time = self._clock.take(state.clock, state.time, state.arrival)
         late = time is None and clock.time is not None and state.time <= clock.time

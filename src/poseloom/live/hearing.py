@@ -59,7 +59,8 @@ class Hearing:
         self._paced_from: float | None = None
         self._arrivals: deque[float] = deque(maxlen=_RATE_OVER)
         self._filled_at: float | None = None
-        self._counts = dict.fromkeys(("packets", "malformed", "stale", "samples", "lost", "filled", "usable"), 0)
+        names: tuple[str, ...] = ("packets", "malformed", "stale", "samples", "lost", "filled", "usable")
+        self._counts: dict[str, int] = dict.fromkeys(names, 0)
 
     @property
     def counters(self) -> Counters:

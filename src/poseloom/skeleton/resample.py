@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats, Ints, exceeds_room, frozen_float
 from poseloom.errors import PoseloomError
@@ -78,8 +79,8 @@ class EvenPoses:
         self._rate = rate
         self._next = 0
         self._first: float | None = None
-        self._places = np.empty(0)
-        self._q = np.empty((0, 0))
+        self._places: NDArray[np.float64] = np.empty(0)
+        self._q: NDArray[np.float64] = np.empty((0, 0))
 
     def add(self, times: Floats[Array, "poses"], q: Floats[Array, "poses dofs"]) -> Floats[Array, "frames dofs"]:
         """Takes in poses, each later than the one before; returns those at the even times up to the last."""

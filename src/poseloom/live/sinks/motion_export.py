@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseloom.arrays import Array, Floats
 from poseloom.errors import FormatError, PoseloomError
@@ -155,7 +156,7 @@ class MotionExport:
 
     def _begin(self) -> None:
         self._count, self._last, self._failed = 0, -np.inf, False
-        self._waiting: list[tuple[float, Floats[Array, dofs]]] = []
+        self._waiting: list[tuple[float, NDArray[np.float64]]] = []
         skeleton, rate = self._facts.skeleton, self._facts.layout.rate
         self._even = EvenPoses(rate)
         # Hidden and beside the file, as `atomic_file` has it: the file that is there now stays until this one is whole.
