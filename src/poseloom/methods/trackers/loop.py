@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from poseloom.library.features import feature_points, reference_sensor
 from poseloom.methods.contract import Frame, Health, HealthState, Reconstructor, check_wearer
 from poseloom.methods.gliding import Glide, glide_to
 from poseloom.methods.trackers import _kernels
-from poseloom.methods.trackers.gate import Trust, gate, take_all
+from poseloom.methods.trackers.gate import Gated, Trust, gate, take_all
 from poseloom.methods.trackers.observation import (
     BoneView,
     heard,
@@ -33,6 +33,9 @@ from poseloom.solve import GaussianPrior, SensorReadings, Solution, mount, solve
 _DISBELIEVED = 0.3
 """Robust weight below which a reading counts as disbelieved."""
 
+_AT_FIRST = 10.0
+"""How much wider a wrong prediction of the first pose is made: any posture may be the first."""
+
 
 @dataclass(frozen=True, eq=False)
 class TrackerState:
@@ -45,6 +48,7 @@ class TrackerState:
         covariance: Of the newest pose's entries, the root's place and turn in the world's axes.
         silent: Samples in a row in which no sensor spoke.
         astray: Samples in a row in which the sensors did not fit.
+        missed: How far poses missed each sensor's position and orientation of late, metres and radians.
         glide: How what is shown follows `history`; None before the first pose.
     """
 
@@ -52,6 +56,7 @@ class TrackerState:
     trust: Trust | None
     history: Floats[Array, "moments dofs"]
     covariance: Floats[Array, "dofs dofs"]
+    missed: Floats[Array, "sensors 2"]
     silent: int = 0
     astray: int = 0
     glide: Glide | None = None
@@ -122,7 +127,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             feature_points(skeleton, bones),
             leg_length(skeleton) / leg_length(body),
         )
-        return TrackerState(wearer, None, np.empty((0, body.size)), np.zeros((body.size, body.size)))
+        nothing = np.zeros((len(bones), 2))
+        return TrackerState(wearer, None, np.empty((0, body.size)), np.zeros((body.size, body.size)), nothing)
 
     def step(self, state: TrackerState, sample: Sample) -> tuple[TrackerState, Frame | None]:
         """See `Reconstructor.step`. No frame comes until a sensor has spoken."""
@@ -133,12 +139,12 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         anew = speaks and self._lost_track(state)
         if state.trust is None or anew:
             gated = take_all(spoken)
-            solution = self._solve(state.wearer, spoken, self.first_prior(state.wearer, spoken))
+            solution = self._solve(state.wearer, spoken, self.first_prior(state.wearer, spoken), gated.taken, True)
             q = self._on_branch(state, solution.q)
             history, covariance = q[None], solution.covariance
         else:
             gated = gate(state.trust, spoken, state.wearer, state.history[0], self.settings.gate)
-            solution, q, covariance = self._continue(state, gated.readings)
+            solution, q, covariance = self._continue(state, gated)
             history = np.concatenate([q[None], state.history[: self.moments - 1]])
         skeleton = state.wearer.skeleton
         glide, shown = glide_to(state.glide, skeleton, q, sample.time, anew, self.settings.glide)
@@ -147,6 +153,7 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             gated.trust,
             history,
             covariance,
+            self._missed_of_late(state, solution, gated.taken),
             0 if speaks else state.silent + 1,
             state.astray + 1 if self._is_astray(solution, gated.taken) else 0,
             glide,
@@ -161,23 +168,49 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         return state.astray >= settings.misfit_frames or state.silent > settings.anew_after * self.layout.rate
 
     def _continue(
-        self, state: TrackerState, readings: SensorReadings
+        self, state: TrackerState, gated: Gated
     ) -> tuple[Solution, Floats[Array, "dofs"], Floats[Array, "dofs dofs"]]:
-        newest = state.history[0]
+        newest, readings = state.history[0], gated.readings
         view = _View(float(newest[0]), float(newest[2]), _kernels.root_heading(newest))
         previous = np.empty_like(newest)
         _kernels.into_heading(newest, view.x, view.z, view.heading, previous)
         local = turned(readings, view.x, view.z, view.heading)
         guess = view_of(state.wearer, readings, predicted_view(state.wearer, newest))
-        solution = self._solve(state.wearer, local, self.next_prior(state, previous, guess))
+        solution = self._solve(state.wearer, local, self.next_prior(state, previous, guess), gated.taken)
         q = np.empty_like(newest)
         _kernels.into_heading(solution.q, 0.0, 0.0, -view.heading, q)
         q[0] += view.x
         q[2] += view.z
         return solution, self._on_branch(state, q), root_turned(solution.covariance, -view.heading)
 
-    def _solve(self, wearer: Wearer, readings: SensorReadings, prior: GaussianPrior) -> Solution:
-        return solve_pose(wearer.skeleton, wearer.mount, readings, prior, settings=self.settings.solver)
+    def _solve(
+        self,
+        wearer: Wearer,
+        readings: SensorReadings,
+        prior: GaussianPrior,
+        taken: Bools[Array, "sensors 2"],
+        first: bool = False,
+    ) -> Solution:
+        """The pose that fits prior and sensors. Where it misses a sensor, the prior is widened: the sensor moves as a
+        sound one does, so the prediction is wrong. Where even that is far from it, no pose fits: then each sensor is
+        believed as far as the others bear it out.
+        """
+        skeleton, worn, how = wearer.skeleton, wearer.mount, self.settings.misfit
+        solution = solve_pose(skeleton, worn, readings, prior, settings=self.settings.solver)
+        if not _missed(solution, taken, how.missed_position, how.missed_orientation).any():
+            return solution
+        wide = GaussianPrior(prior.mean, prior.covariance + np.diag(self._widening(len(prior.mean), first)))
+        longer = replace(self.settings.solver, iterations=3 * self.settings.solver.iterations)
+        solution = solve_pose(skeleton, worn, readings, wide, solution.q, longer)
+        if not _missed(solution, taken, how.impossible_position, how.impossible_orientation).any():
+            return solution
+        robust = replace(self.settings.solver, robust_scale=how.robust_scale)
+        return solve_pose(skeleton, worn, readings, prior, settings=robust)
+
+    def _widening(self, size: int, first: bool) -> Floats[Array, "dofs"]:
+        variance = np.full(size, self.settings.misfit.widening_joint**2)
+        variance[:6] = self.settings.misfit.widening_root**2
+        return (_AT_FIRST**2 if first else 1.0) * variance
 
     def _on_branch(self, state: TrackerState, q: Floats[Array, "dofs"]) -> Floats[Array, "dofs"]:
         """The pose with its rotation vectors on the branches of the newest one's."""
@@ -192,8 +225,18 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         far = said & ((solution.residuals**2).sum(axis=-1) > bounds**2)
         return bool((2 * far.sum(axis=0) > said.sum(axis=0)).any())
 
+    def _missed_of_late(
+        self, state: TrackerState, solution: Solution, taken: Bools[Array, "sensors 2"]
+    ) -> Floats[Array, "sensors 2"]:
+        """The moving average of residuals; what says nothing is no reason to go on naming a sensor."""
+        share = min(1.0 / (self.settings.misfit.lasting_seconds * self.layout.rate), 1.0)
+        missed = np.where(taken, np.sqrt((solution.residuals**2).sum(axis=-1)), 0.0)
+        return (1.0 - share) * state.missed + share * missed
+
     def _health(self, state: TrackerState, solution: Solution, said: Bools[Array, "sensors 2"]) -> Health:
+        how = self.settings.misfit
         disbelieved = said & (solution.weights < _DISBELIEVED)
+        disbelieved |= state.missed > np.array([how.lasting_position, how.lasting_orientation])
         troubled = tuple(
             sensor.name
             for sensor, heard_of, doubtful in zip(self.layout.sensors, said, disbelieved, strict=True)
@@ -205,3 +248,10 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         if state.glide is not None and state.glide.offset is not None:
             return Health(HealthState.REJOINING, troubled)
         return Health(HealthState.DEGRADED if troubled else HealthState.OK, troubled)
+
+
+def _missed(
+    solution: Solution, taken: Bools[Array, "sensors 2"], position: float, orientation: float
+) -> Bools[Array, "sensors 2"]:
+    """Which readings that were taken are farther from the pose than that: metres and radians."""
+    return taken & ((solution.residuals**2).sum(axis=-1) > np.array([position, orientation]) ** 2)
