@@ -111,7 +111,7 @@ def gate(
     rotations = matrix_from_rotvec(turn_offsets) @ readings.rotations
     missing = np.where(taken, 0, np.where(trust.missing < 0, -1, trust.missing + 1))
     steady = taken[:, 0] & known[:, 0] & ~back[:, 0]
-    steps = np.where(steady[:, None], positions - trust.places, np.where(taken[:, :1], np.nan, trust.steps))
+    steps = np.where(steady[:, None], moved - trust.places, trust.steps)
     drift = steps[steady].mean(axis=0) if steady.any() else np.zeros(3)
     sigmas = readings.sigmas.copy()
     held_back = (unsteady == 1) & taken[:, 1]
@@ -137,7 +137,7 @@ def _jumped(
 ) -> Bools[Array, "sensors"]:
     """Which positions are far from where the tracker's own movement led, and, where that is old, from the pose too."""
     # A comparison with a missing value is false: a tracker without a position is judged by its orientation alone.
-    reach = settings.step_position * np.where(np.isfinite(trust.steps[:, 0]), 1.0, 2.0)
+    reach = settings.step_position * np.where(np.isfinite(trust.steps[:, 0]), 1.0, 1.5)
     by_itself = _distances(moved, own) > reach
     by_pose = _distances(moved, carried) > settings.step_position
     missing = trust.missing[:, 0]

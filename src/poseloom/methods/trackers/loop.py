@@ -48,7 +48,6 @@ class TrackerState:
         covariance: Of the newest pose's entries, the root's place and turn in the world's axes.
         silent: Samples in a row in which no sensor spoke.
         astray: Samples in a row in which the sensors did not fit.
-        missed: How far poses missed each sensor's position and orientation of late, metres and radians.
         glide: How what is shown follows `history`; None before the first pose.
     """
 
@@ -56,7 +55,6 @@ class TrackerState:
     trust: Trust | None
     history: Floats[Array, "moments dofs"]
     covariance: Floats[Array, "dofs dofs"]
-    missed: Floats[Array, "sensors 2"]
     silent: int = 0
     astray: int = 0
     glide: Glide | None = None
@@ -127,8 +125,7 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             feature_points(skeleton, bones),
             leg_length(skeleton) / leg_length(body),
         )
-        nothing = np.zeros((len(bones), 2))
-        return TrackerState(wearer, None, np.empty((0, body.size)), np.zeros((body.size, body.size)), nothing)
+        return TrackerState(wearer, None, np.empty((0, body.size)), np.zeros((body.size, body.size)))
 
     def step(self, state: TrackerState, sample: Sample) -> tuple[TrackerState, Frame | None]:
         """See `Reconstructor.step`. No frame comes until a sensor has spoken."""
@@ -153,7 +150,6 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             gated.trust,
             history,
             covariance,
-            self._missed_of_late(state, solution, gated.taken),
             0 if speaks else state.silent + 1,
             state.astray + 1 if self._is_astray(solution, gated.taken) else 0,
             glide,
@@ -191,21 +187,22 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         taken: Bools[Array, "sensors 2"],
         first: bool = False,
     ) -> Solution:
-        """The pose that fits prior and sensors. Where it misses a sensor, the prior is widened: the sensor moves as a
-        sound one does, so the prediction is wrong. Where even that is far from it, no pose fits: then each sensor is
-        believed as far as the others bear it out.
+        """The pose that fits prior and sensors.
+
+        The robust solution takes a sensor that contradicts the prediction for wrong. But the gate took it, for it moves
+        as a sound one does: so the prediction is wrong, and from there the pose is bent to fit all sensors. Where none
+        can fit them, the sensors contradict each other, and the robust solution says which.
         """
         skeleton, worn, how = wearer.skeleton, wearer.mount, self.settings.misfit
-        solution = solve_pose(skeleton, worn, readings, prior, settings=self.settings.solver)
-        if not _missed(solution, taken, how.missed_position, how.missed_orientation).any():
-            return solution
-        wide = GaussianPrior(prior.mean, prior.covariance + np.diag(self._widening(len(prior.mean), first)))
-        longer = replace(self.settings.solver, iterations=3 * self.settings.solver.iterations)
-        solution = solve_pose(skeleton, worn, readings, wide, solution.q, longer)
-        if not _missed(solution, taken, how.impossible_position, how.impossible_orientation).any():
-            return solution
-        robust = replace(self.settings.solver, robust_scale=how.robust_scale)
-        return solve_pose(skeleton, worn, readings, prior, settings=robust)
+        robust = solve_pose(skeleton, worn, readings, prior, settings=self.settings.solver)
+        if not (taken & (robust.weights < how.contradiction)).any():
+            return robust
+        near = GaussianPrior(robust.q, prior.covariance + np.diag(self._widening(len(prior.mean), first)))
+        squares = replace(self.settings.solver, robust_scale=np.inf, iterations=3 * self.settings.solver.iterations)
+        bent = solve_pose(skeleton, worn, readings, near, settings=squares)
+        bounds = np.array([how.impossible_position, how.impossible_orientation])
+        missed = taken & ((bent.residuals**2).sum(axis=-1) > bounds**2)
+        return robust if missed.any() else bent
 
     def _widening(self, size: int, first: bool) -> Floats[Array, "dofs"]:
         variance = np.full(size, self.settings.misfit.widening_joint**2)
@@ -225,18 +222,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         far = said & ((solution.residuals**2).sum(axis=-1) > bounds**2)
         return bool((2 * far.sum(axis=0) > said.sum(axis=0)).any())
 
-    def _missed_of_late(
-        self, state: TrackerState, solution: Solution, taken: Bools[Array, "sensors 2"]
-    ) -> Floats[Array, "sensors 2"]:
-        """The moving average of residuals; what says nothing is no reason to go on naming a sensor."""
-        share = min(1.0 / (self.settings.misfit.lasting_seconds * self.layout.rate), 1.0)
-        missed = np.where(taken, np.sqrt((solution.residuals**2).sum(axis=-1)), 0.0)
-        return (1.0 - share) * state.missed + share * missed
-
     def _health(self, state: TrackerState, solution: Solution, said: Bools[Array, "sensors 2"]) -> Health:
-        how = self.settings.misfit
         disbelieved = said & (solution.weights < _DISBELIEVED)
-        disbelieved |= state.missed > np.array([how.lasting_position, how.lasting_orientation])
         troubled = tuple(
             sensor.name
             for sensor, heard_of, doubtful in zip(self.layout.sensors, said, disbelieved, strict=True)
@@ -249,9 +236,3 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
             return Health(HealthState.REJOINING, troubled)
         return Health(HealthState.DEGRADED if troubled else HealthState.OK, troubled)
 
-
-def _missed(
-    solution: Solution, taken: Bools[Array, "sensors 2"], position: float, orientation: float
-) -> Bools[Array, "sensors 2"]:
-    """Which readings that were taken are farther from the pose than that: metres and radians."""
-    return taken & ((solution.residuals**2).sum(axis=-1) > np.array([position, orientation]) ** 2)

@@ -44,28 +44,18 @@ class MisfitSettings:
     """When sensors that move soundly contradict the library, or the body, and what is made of it.
 
     Attributes:
-        missed_position: Metres by which the pose may miss a sensor before the prediction is taken for wrong.
-        missed_orientation: The same for its orientation, radians.
+        contradiction: Robust weight below which a reading contradicts the prediction.
         widening_joint: Standard deviation of a joint's rotation, radians, that is added to a wrong prediction's.
         widening_root: The same for the root, metres and radians.
         impossible_position: Metres by which a sensor is missed even then, from which on it is not believed.
         impossible_orientation: The same for its orientation, radians.
-        robust_scale: Of the solver that finds out which sensor it is (see `SolverSettings`).
-        lasting_seconds: Seconds over which it is averaged how far the pose misses a sensor.
-        lasting_position: Metres of that average from which on the sensor is named: worn elsewhere, or by another body.
-        lasting_orientation: The same for its orientation, radians.
     """
 
-    missed_position: float = 0.02
-    missed_orientation: float = np.deg2rad(4.0)
+    contradiction: float = 0.5
     widening_joint: float = 0.05
     widening_root: float = 0.02
     impossible_position: float = 0.1
     impossible_orientation: float = np.deg2rad(30.0)
-    robust_scale: float = 4.0
-    lasting_seconds: float = 0.5
-    lasting_position: float = 0.035
-    lasting_orientation: float = np.deg2rad(8.0)
 
 
 @dataclass(frozen=True)
@@ -75,7 +65,7 @@ class TrackerSettings:
     Attributes:
         sigma_position: Standard deviation of a tracker's position, metres.
         sigma_orientation: Standard deviation of a tracker's orientation, radians.
-        solver: How the pose is solved for. Least squares: whom to reject, the gate decides.
+        solver: How the pose is solved for.
         misfit: When sensors that the gate took contradict the library or the body.
         gate: When a tracker is rejected.
         glide: How the figure follows where the search, begun anew, finds the pose.
@@ -88,8 +78,8 @@ class TrackerSettings:
 
     sigma_position: float = 0.003
     sigma_orientation: float = np.deg2rad(0.5)
-    solver: SolverSettings = field(default_factory=lambda: SolverSettings(robust_scale=np.inf))
-    misfit: MisfitSettings = field(default_factory=lambda: MisfitSettings())
+    solver: SolverSettings = field(default_factory=SolverSettings)
+    misfit: MisfitSettings = field(default_factory=MisfitSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     glide: GlideSettings = field(default_factory=GlideSettings)
     lost_after: float = 2.0
