@@ -141,8 +141,7 @@ def _jumped(
     by_itself = _distances(moved, own) > reach
     by_pose = _distances(moved, carried) > settings.step_position
     missing = trust.missing[:, 0]
-    stale = (missing < 0) | (missing > 1)  # a velocity means little two samples later
-    return np.where(stale, by_pose, by_itself & (by_pose | (missing == 0)))
+    return np.where(missing < 0, by_pose, by_itself & (by_pose | (missing == 0)))
 
 
 def _rigid(moved: Floats[Array, "far 3"], expected: Floats[Array, "far 3"], bound: float) -> bool:

@@ -190,8 +190,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         """The pose that fits prior and sensors.
 
         The robust solution takes a sensor that contradicts the prediction for wrong. But the gate took it, for it moves
-        as a sound one does: so the prediction is wrong, and from there the pose is bent to fit all sensors. Where none
-        can fit them, the sensors contradict each other, and the robust solution says which.
+        as a sound one does: so the prediction is wrong, and from there the pose is bent to fit all sensors. Where a few
+        cannot be fitted, they contradict the others, and the robust solution says which.
         """
         skeleton, worn, how = wearer.skeleton, wearer.mount, self.settings.misfit
         robust = solve_pose(skeleton, worn, readings, prior, settings=self.settings.solver)
@@ -202,7 +202,8 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         bent = solve_pose(skeleton, worn, readings, near, settings=squares)
         bounds = np.array([how.impossible_position, how.impossible_orientation])
         missed = taken & ((bent.residuals**2).sum(axis=-1) > bounds**2)
-        return robust if missed.any() else bent
+        most = (2 * missed.sum(axis=0) > taken.sum(axis=0)).any()
+        return robust if missed.any() and not most else bent
 
     def _widening(self, size: int, first: bool) -> Floats[Array, "dofs"]:
         variance = np.full(size, self.settings.misfit.widening_joint**2)
