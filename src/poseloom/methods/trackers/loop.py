@@ -198,7 +198,7 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         if not (taken & (robust.weights < how.contradiction)).any():
             return robust
         near = GaussianPrior(robust.q, prior.covariance + np.diag(self._widening(len(prior.mean), first)))
-        squares = replace(self.settings.solver, robust_scale=np.inf, iterations=3 * self.settings.solver.iterations)
+        squares = replace(self.settings.solver, robust_scale=np.inf, iterations=how.iterations)
         bent = solve_pose(skeleton, worn, readings, near, settings=squares)
         bounds = np.array([how.impossible_position, how.impossible_orientation])
         missed = taken & ((bent.residuals**2).sum(axis=-1) > bounds**2)

@@ -47,6 +47,7 @@ class MisfitSettings:
         contradiction: Robust weight below which a reading contradicts the prediction.
         widening_joint: Standard deviation of a joint's rotation, radians, that is added to a wrong prediction's.
         widening_root: The same for the root, metres and radians.
+        iterations: Most steps to a pose that fits the sensors all the same.
         impossible_position: Metres by which a sensor is missed even then, from which on it is not believed.
         impossible_orientation: The same for its orientation, radians.
     """
@@ -54,6 +55,7 @@ class MisfitSettings:
     contradiction: float = 0.5
     widening_joint: float = 0.05
     widening_root: float = 0.02
+    iterations: int = 50
     impossible_position: float = 0.1
     impossible_orientation: float = np.deg2rad(30.0)
 
