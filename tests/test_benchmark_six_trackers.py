@@ -22,6 +22,7 @@ from poseloom.benchmark.six_trackers.page import BEGIN, END, six_trackers_figure
 from poseloom.benchmark.six_trackers.plan import CONTESTANTS, Plan
 from poseloom.benchmark.six_trackers.quality import exact, recall
 from poseloom.benchmark.six_trackers.recovery import STOP, Course, seconds_to_settle
+from poseloom.benchmark.six_trackers.rejections import rejections, rows_of_other_people, wilson
 from poseloom.benchmark.six_trackers.sequences import (
     BenchmarkSequence,
     check_apart,
@@ -203,6 +204,38 @@ def test_tables_have_a_row_for_each_method_and_figure(plan: Plan, sequences: Seq
     page = six_trackers_figures(Results("six-trackers", "abc", (*rows, *five, *three)), "0123abc")
     assert "| local-gaussian |" in page
     assert "Figure 5" in page
+
+
+def test_rejections_count_frames_with_nothing_of_the_sequences_data_set(
+    plan: Plan, library: MotionLibrary, sequences: Sequences, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(PoseloomError, match="nothing of HDM05"):
+        rows_of_other_people(library, sequences.cases[0])
+    # The samples have no such folders: those whose names begin with w stand for CMU's, the rest for HDM05's.
+    monkeypatch.setattr(
+        "poseloom.benchmark.six_trackers.rejections._is_of",
+        lambda source, folder: ("/w" in source) == (folder == "cmu_"),
+    )
+    for case, name in zip(sequences.cases, ("HDM05 alone", "CMU alone"), strict=True):
+        told_of, allowed = rows_of_other_people(library, case)
+        assert told_of == name
+        assert all(
+            allowed[clip.rows].all() == (("/w" in clip.source) == (name == "CMU alone")) for clip in library.clips
+        )
+        own = next(clip for clip in library.clips if clip.digest == case.digest)
+        assert not allowed[own.rows].any()
+    rows = rejections(plan, sequences, told)
+    shares = [row for row in rows if row.metric == "named_percent"]
+    assert {(row.method, row.frames) for row in shares} >= {("local-filter", LIMIT)}
+    assert all(row.value == 0.0 for row in shares)
+    assert "Sound sensors rejected" in six_trackers_figures(Results("six-trackers", "0" * 64, tuple(rows)), "abc")
+
+
+def test_the_interval_is_wilsons() -> None:
+    scipy = pytest.importorskip("scipy.stats")
+    for hits, of in ((0, 5600), (3, 40), (40, 40)):
+        known = scipy.binomtest(hits, of).proportion_ci(method="wilson")
+        np.testing.assert_allclose(wilson(hits, of), (known.low, known.high), atol=1e-6)
 
 
 def test_recovery_tells_of_every_sensor_and_fault(plan: Plan, sequences: Sequences, monkeypatch: pytest.MonkeyPatch):

@@ -233,9 +233,7 @@ def test_a_library_that_does_not_fit_makes_no_sound_tracker_an_outlier(
 
 @pytest.mark.parametrize("name", _SOUND_METHODS)
 @pytest.mark.parametrize("sensor", ["head", "leftHand"])
-def test_outliers_are_rejected_where_the_library_does_not_fit(
-    name: str, sensor: str, library: MotionLibrary
-) -> None:
+def test_outliers_are_rejected_where_the_library_does_not_fit(name: str, sensor: str, library: MotionLibrary) -> None:
     six, motion = layout("six-trackers"), sample_motions()["spin"].cut(0, 150)
     wild = Fault(sensor, 0.5, 2.0, FaultKind.OUTLIERS, share=0.3)
     clean = simulate_trackers(motion, six, TrackerNoise(), seed=5)

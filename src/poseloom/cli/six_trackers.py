@@ -26,6 +26,7 @@ _SHOWN_METRICS = frozenset(
         *("joint_angle_deg", "error_over_no_fault", "settled_after_s", "worst_jump_cm", "difference_deg"),
         *("step_ms_p50", "step_ms_p99", "memory_gib", "step_p50_ratio", "bone_error_percent", "worst_bone_percent"),
         *("sensor_offset_cm", "sensor_turn_deg"),
+        *("named_percent", "named_percent_to"),
     }
 )
 
@@ -117,7 +118,7 @@ def six_trackers(
     ] = None,
     part: Annotated[
         list[str] | None,
-        typer.Option("--part", help="1, 2, 5, three, faults, search or speed; may be repeated. All if left out."),
+        typer.Option("--part", help="1, 2, 5, three, faults, rejections, search or speed; repeatable. All if left out."),
     ] = None,
     limit: Annotated[int, typer.Option(min=20, help="Samples of each sequence.")] = 200,
     seed: _Seed = 0,

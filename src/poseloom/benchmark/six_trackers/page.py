@@ -45,7 +45,16 @@ def six_trackers_figures(results: Results, commit: str) -> str:
         f"seeds from {', '.join(map(str, seeds))} on (one more for each sequence). Errors are means over sequences ± "
         "their standard deviation, degrees a joint angle unless stated."
     ]
-    builders: tuple[Callable[[Sequence[Row]], str], ...] = (_two, _five, _three, _faults, _search, _speed, _one)
+    builders: tuple[Callable[[Sequence[Row]], str], ...] = (
+        _two,
+        _five,
+        _three,
+        _faults,
+        _rejections,
+        _search,
+        _speed,
+        _one,
+    )
     return "\n\n".join([*parts, *(text for build in builders if (text := build(rows)))])
 
 
@@ -207,6 +216,30 @@ def _faults(rows: Sequence[Row]) -> str:
         "A jump is a joint's movement from one frame to the next that the truth does not make."
     )
     return f"## Recovery after faults\n\n{told}\n\n{markdown_table(('fault', *(n for _, n in _FAULT_COLUMNS)), lines)}"
+
+
+def _rejections(rows: Sequence[Row]) -> str:
+    mine = {(row.method, row.setting, row.metric): row for row in rows if row.table == "rejections"}
+    lines = [
+        (
+            method, setting, f"{row.value:.3f}",
+            f"{mine[method, setting, 'named_percent_from'].value:.3f} to "
+            f"{mine[method, setting, 'named_percent_to'].value:.3f}",
+            f"{mine[method, setting, 'sequences_with_one_named'].value:.0f} of {row.sequences}", f"{row.frames:,}",
+            f"{mine[method, setting, 'joint_position_cm'].value:.2f}",
+        )
+        for (method, setting, metric), row in mine.items()
+        if metric == "named_percent"
+    ]  # fmt: skip
+    if not lines:
+        return ""
+    told = (
+        "No sensor fails, noise is within its sigma, and the library holds the other data set alone: CMU's recordings "
+        "for sequences of HDM05, HDM05's for CMU's. Frames whose health names a sensor, with Wilson's 95 % interval, "
+        "for which frames count as independent."
+    )
+    heads = ("method", "library", "frames with a sensor rejected, %", "interval, %", "sequences with one", "frames")
+    return f"## Sound sensors rejected\n\n{told}\n\n{markdown_table((*heads, 'joint position, cm'), lines)}"
 
 
 def _search(rows: Sequence[Row]) -> str:

@@ -66,11 +66,12 @@ class Plan:
     conditions: Conditions = field(default_factory=Conditions)
     people: int = 20
     fault_sequences: int = 10
-    parts: tuple[str, ...] = ("1", "2", "5", "7", "three", "faults", "search", "speed")
+    parts: tuple[str, ...] = ("1", "2", "5", "7", "three", "faults", "rejections", "search", "speed")
 
 
-PARTS = ("1", "2", "5", "7", "three", "faults", "search", "speed")
-"""Table 1, table 2, figures 5 and 7, three trackers, recovery after faults, quality and speed of the search."""
+PARTS = ("1", "2", "5", "7", "three", "faults", "rejections", "search", "speed")
+"""Table 1, table 2, figures 5 and 7, three trackers, recovery after faults, rejections of sound sensors, quality and
+speed of the search."""
 
 
 def quick_plan(data: Path, library: Path, conditions: Conditions) -> Plan:

@@ -11,6 +11,7 @@ from poseloom.benchmark.six_trackers.accuracy import Curve, Sequences, figure_fi
 from poseloom.benchmark.six_trackers.plan import OURS, Plan, Progress
 from poseloom.benchmark.six_trackers.quality import search_quality, speed
 from poseloom.benchmark.six_trackers.recovery import recovery
+from poseloom.benchmark.six_trackers.rejections import rejections
 from poseloom.benchmark.six_trackers.sequences import (
     check_apart,
     forbidden_takes,
@@ -78,6 +79,8 @@ def run_six_trackers(
         take(three_trackers(plan, sequences, tell))
     if "faults" in plan.parts:
         take(recovery(plan, sequences, tell))
+    if "rejections" in plan.parts:
+        take(rejections(plan, sequences, tell))
     if "search" in plan.parts:
         take(search_quality(plan, sequences, tell))
     if "speed" in plan.parts:

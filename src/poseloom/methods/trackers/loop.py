@@ -236,4 +236,3 @@ class TrackerMethod(Reconstructor[TrackerState], abc.ABC):
         if state.glide is not None and state.glide.offset is not None:
             return Health(HealthState.REJOINING, troubled)
         return Health(HealthState.DEGRADED if troubled else HealthState.OK, troubled)
-
