@@ -118,7 +118,7 @@ def six_trackers(
     ] = None,
     part: Annotated[
         list[str] | None,
-        typer.Option("--part", help="1, 2, 5, three, faults, rejections, search or speed; repeatable. All if left out."),
+        typer.Option("--part", help="1, 2, 5, three, faults, rejections, search, speed; repeatable; all if left out"),
     ] = None,
     limit: Annotated[int, typer.Option(min=20, help="Samples of each sequence.")] = 200,
     seed: _Seed = 0,
