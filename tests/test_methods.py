@@ -164,9 +164,10 @@ def test_a_faulty_tracker_goes_and_comes_back_gently(library: MotionLibrary, sen
     method = _method("local-gaussian", library)
     estimate = reconstruct(method, faulty).motion
     moved = np.diff(motion_frames(estimate).positions, axis=0) - np.diff(motion_frames(faulty.truth).positions, axis=0)
-    assert np.linalg.norm(moved, axis=-1).max() < 0.1
+    # With the walk itself in the library, as it was by mistake, 10 cm and 1.5 were enough.
+    assert np.linalg.norm(moved, axis=-1).max() < 0.105
     plain = reconstruct(method, clean).motion
-    for start, stop, bound in ((40, 80, 1.5), (100, 120, 1.2)):
+    for start, stop, bound in ((40, 80, 1.55), (100, 120, 1.2)):
         error = joint_angle_deg(faulty.truth.cut(start, stop), estimate.cut(start, stop))
         assert error < bound * joint_angle_deg(clean.truth.cut(start, stop), plain.cut(start, stop))
 
@@ -244,7 +245,7 @@ def test_outliers_are_rejected_where_the_library_does_not_fit(name: str, sensor:
     named = np.array([[s in h.sensors for s in six.names] for h in spoilt.health])
     assert far.sum() > 10
     assert named[far].all()
-    assert named[~far].mean() < 0.03
+    assert named[~far].mean() < 0.02
     assert joint_angle_deg(faulty.truth, spoilt.motion) < 1.2 * joint_angle_deg(clean.truth, usual.motion)
 
 
