@@ -1,6 +1,5 @@
 """The contract, over the flex methods; other rates, missing channels, and the model that travels along."""
 
-import pickle
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -46,39 +45,6 @@ def test_it_needs_nothing_but_the_recording() -> None:
     assert needs_model("flex-scales")
     with pytest.raises(MethodError, match="poseloom fit flex-lstm"):
         make_method("flex-lstm", layout("flex-four"))
-
-
-def test_a_whole_run_equals_a_split_run(method: FlexNetwork, recording: Recording) -> None:
-    whole = reconstruct(method, recording)
-    state = method.start(recording.skeleton, recording.placements)
-    kept, poses = None, []
-    for index in range(len(recording)):
-        if index == 40:
-            kept = state
-        state, frame = method.step(state, recording.sample(index))
-        poses.append(frame.pose.q)
-    np.testing.assert_array_equal(np.stack(poses), whole.motion.q)
-    second = []
-    for index in range(40, len(recording)):
-        kept, frame = method.step(kept, recording.sample(index))
-        second.append(frame.pose.q)
-    np.testing.assert_array_equal(np.stack(second), whole.motion.q[40:])
-
-
-def test_step_changes_neither_argument(method: FlexNetwork, recording: Recording) -> None:
-    state = method.start(recording.skeleton, recording.placements)
-    for index in range(5):
-        sample = recording.sample(index)
-        before = pickle.dumps((state, sample))
-        following, _ = method.step(state, sample)
-        assert pickle.dumps((state, sample)) == before
-        state = following
-
-
-def test_every_sample_has_its_frame(method: FlexNetwork, recording: Recording) -> None:
-    result = reconstruct(method, recording)
-    np.testing.assert_array_equal(result.samples, np.arange(len(recording)))
-    np.testing.assert_array_equal(result.times, recording.times)
 
 
 def test_no_truth_enters(method: FlexNetwork, recording: Recording) -> None:

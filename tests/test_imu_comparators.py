@@ -64,23 +64,6 @@ def recording() -> Recording:
 
 
 @pytest.mark.parametrize("name", COMPARATORS)
-def test_a_whole_run_equals_a_split_run(name: str, methods: dict, recording: Recording) -> None:
-    method = methods[name]
-    whole = reconstruct(method, recording)
-    state, kept, poses = method.start(recording.skeleton, recording.placements), None, []
-    for index in range(len(recording)):
-        kept = state if index == 25 else kept
-        state, frame = method.step(state, recording.sample(index))
-        poses.append(frame.pose.q)
-    np.testing.assert_array_equal(np.stack(poses), whole.motion.q)
-    second = []
-    for index in range(25, len(recording)):
-        kept, frame = method.step(kept, recording.sample(index))
-        second.append(frame.pose.q)
-    np.testing.assert_array_equal(np.stack(second), whole.motion.q[25:])
-
-
-@pytest.mark.parametrize("name", COMPARATORS)
 def test_gaps_are_survived_and_told(name: str, methods: dict, recording: Recording) -> None:
     forces, rates = recording.specific_forces.copy(), recording.angular_rates.copy()
     forces[:2], rates[:2] = np.nan, np.nan

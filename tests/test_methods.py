@@ -45,50 +45,6 @@ def _method(name: str, library: MotionLibrary, channels: str = "six-trackers"):
 
 
 @pytest.mark.parametrize("name", TRACKER_METHODS)
-def test_a_whole_run_equals_a_split_run(name: str, library: MotionLibrary, recording: Recording) -> None:
-    method = _method(name, library)
-    whole = reconstruct(method, recording)
-    state = method.start(recording.skeleton, recording.placements)
-    kept = None
-    poses = []
-    for index in range(len(recording)):
-        if index == 25:
-            kept = state
-        state, frame = method.step(state, recording.sample(index))
-        poses.append(frame.pose.q)
-    np.testing.assert_array_equal(np.stack(poses), whole.motion.q)
-    # The state kept from the middle leads to the same second half, though the method has gone on since.
-    second = []
-    for index in range(25, len(recording)):
-        kept, frame = method.step(kept, recording.sample(index))
-        second.append(frame.pose.q)
-    np.testing.assert_array_equal(np.stack(second), whole.motion.q[25:])
-
-
-@pytest.mark.parametrize("name", TRACKER_METHODS)
-def test_step_changes_neither_argument(name: str, library: MotionLibrary, recording: Recording) -> None:
-    method = _method(name, library)
-    state = method.start(recording.skeleton, recording.placements)
-    for index in range(5):
-        sample = recording.sample(index)
-        before = (sample.positions.copy(), sample.quats_wxyz.copy(), state.history.copy(), state.covariance.copy())
-        following, _ = method.step(state, sample)
-        for value, old in zip(
-            (sample.positions, sample.quats_wxyz, state.history, state.covariance), before, strict=True
-        ):
-            np.testing.assert_array_equal(value, old)
-        state = following
-
-
-@pytest.mark.parametrize("name", TRACKER_METHODS)
-def test_frames_belong_where_the_delay_says(name: str, library: MotionLibrary, recording: Recording) -> None:
-    method = _method(name, library)
-    result = reconstruct(method, recording)
-    np.testing.assert_array_equal(result.samples, np.arange(len(recording) - method.delay))
-    np.testing.assert_array_equal(result.times, recording.times[result.samples])
-
-
-@pytest.mark.parametrize("name", TRACKER_METHODS)
 def test_missing_channels_survive(name: str, library: MotionLibrary, recording: Recording) -> None:
     positions, quats = recording.positions.copy(), recording.quats_wxyz.copy()
     rng = np.random.default_rng(0)

@@ -1,12 +1,12 @@
 """One chooser and one fold: the same session gives the same bits live, offline and reprocessed, whatever ran in it."""
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from every_method import EVERY, model_of
 from poseloom.calibration.calibration import Calibration, apply_calibration, write_calibration
 from poseloom.cli._app import run
 from poseloom.errors import MethodError
@@ -20,44 +20,12 @@ from poseloom.live.session import Session
 from poseloom.live.settings import LiveSettings
 from poseloom.live.setup import plan_session
 from poseloom.live.virtual import virtual_recording
-from poseloom.methods import METHODS, InverseKinematics, MethodEntry, choose, needs_library, needs_model, reconstruct
+from poseloom.methods import METHODS, InverseKinematics, MethodEntry, choose, needs_library, reconstruct
 from poseloom.methods.choose import default_method, fitting_methods
-from poseloom.methods.flex.model_file import read_flex_model, write_flex_model
-from poseloom.methods.flex.network_method import SHIPPED_MODEL
-from poseloom.methods.imus.baselines.driving import save_comparator
-from poseloom.methods.imus.baselines.fitting import COMPARATORS, fit_comparator
-from poseloom.methods.imus.behaviours import Behaviour
-from poseloom.methods.imus.model_file import write_phase_hmm
-from poseloom.methods.imus.pairs import WELL_MOUNTED, SignalPair, pair_of_recording
-from poseloom.methods.imus.phase_hmm import fit_phase_hmm
-from poseloom.methods.imus.settings import PAPER_SETTINGS
 from poseloom.methods.registry import Needs
-from poseloom.samples import sample_motions
 from poseloom.sensors import Recording, SensorKind, layout
-from poseloom.skeleton import average_body, retarget
-from poseloom.synthesis import simulate_imus
 
-LAYOUTS = {
-    SensorKind.TRACKER: ("six-trackers", "three-trackers"),
-    SensorKind.IMU: ("right-foot-imu", "right-foot+right-hand-imu"),
-    SensorKind.FLEX: ("flex-four", "flex-four+hips-imu"),
-}
-EVERY = [(name, worn) for name, entry in METHODS.items() for worn in LAYOUTS[entry.sensors]]
-SMALL = {"phase-regression": {"phases": 3}, "motion-primitives": {"coefficients": 4, "beam": 16}}
 SAMPLES = 16
-
-
-@cache
-def pairs(worn: str) -> tuple[SignalPair, ...]:
-    kinds = (("walk", Behaviour.WALKING), ("run", Behaviour.RUNNING))
-    return tuple(
-        pair_of_recording(
-            simulate_imus(retarget(sample_motions()[name], average_body()), layout(worn), WELL_MOUNTED, seed=1),
-            kind,
-            take=name,
-        )
-        for name, kind in kinds
-    )
 
 
 @pytest.fixture(scope="module")
@@ -66,21 +34,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("fold")
     build_library(["samples"], path / "library", mirror=False, workers=1, exclude=("walk",))
     return path
-
-
-def model_of(name: str, worn: str, folder: Path) -> Path | None:
-    if not needs_model(name) or METHODS[name].shipped is not None:
-        return None
-    file = folder / f"{name} {worn}.npz"
-    if file.exists():
-        return file
-    if name.startswith("phase-hmm"):
-        write_phase_hmm(fit_phase_hmm(pairs(worn), layout(worn), PAPER_SETTINGS if "paper" in name else None), file)
-    elif name in COMPARATORS:
-        save_comparator(fit_comparator(name, pairs(worn), layout(worn), SMALL.get(name)), file)
-    else:  # a network of the other name's form: what runs it is the same
-        write_flex_model(replace(read_flex_model(SHIPPED_MODEL), method=name), file)
-    return file
 
 
 def recorded(worn: str, rate: float | None = None) -> Recording:

@@ -65,37 +65,6 @@ def position_error(recording: Recording, estimate: Motion) -> np.ndarray:
     return np.linalg.norm(places[0] - places[1], axis=-1).mean(axis=1)
 
 
-@pytest.mark.parametrize(("sensors", "paper"), [(FOOT.name, False), (FOOT.name, True), (TWO.name, False)])
-def test_a_whole_run_equals_a_split_run(sensors: str, paper: bool) -> None:
-    method = fitted(sensors, paper)
-    heard = worn(sensors=sensors, faults=[Fault(layout(sensors).names[0], 0.6, 0.7)]).cut(0, 56)
-    whole = reconstruct(method, heard)
-    state = method.start(heard.skeleton, heard.placements)
-    seen = []
-    for index in range(len(heard)):
-        if index == 40:
-            # Another session in between leaves nothing behind.
-            other = method.start(heard.skeleton, heard.placements)
-            method.step(other, heard.sample(3))
-        state, frame = method.step(state, heard.sample(index))
-        assert frame is not None
-        seen.append(frame.pose.q)
-    np.testing.assert_array_equal(np.stack(seen), whole.motion.q)
-
-
-def test_step_changes_neither_argument() -> None:
-    method, heard = fitted(FOOT.name), worn()
-    state = method.start(heard.skeleton, heard.placements)
-    for index in range(30):
-        state, _ = method.step(state, heard.sample(index))
-    kept = [state.log_alpha.copy(), state.window.copy(), state.q.copy(), state.ground.root.copy()]
-    first = method.step(state, heard.sample(30))[1]
-    second = method.step(state, heard.sample(30))[1]
-    for before, after in zip(kept, (state.log_alpha, state.window, state.q, state.ground.root), strict=True):
-        np.testing.assert_array_equal(before, after)
-    np.testing.assert_array_equal(first.pose.q, second.pose.q)
-
-
 def test_a_known_motion_comes_back() -> None:
     for name in ("walk", "run"):
         heard = worn(name).cut(0, 130)
