@@ -74,9 +74,9 @@ def _check_round_trip(kind: Format, motion: Motion, path: Path) -> None:
     columns = [back.skeleton.index(name) for name in motion.skeleton.names]
     apart = motion_frames(back).positions[:, columns] - motion_frames(motion).positions
     far = np.linalg.norm(apart, axis=-1)
-    frame, joint = np.unravel_index(int(far.argmax()), far.shape)
-    told = f"{motion.skeleton.names[int(joint)]} is {1e3 * far.max():.2f} mm away after writing and reading"
-    _ensure(bool(far.max() < _CLOSE), f"{told}, in frame {int(frame)}")
+    frame, joint = divmod(int(far.argmax()), far.shape[1])
+    told = f"{motion.skeleton.names[joint]} is {1e3 * far.max():.2f} mm away after writing and reading"
+    _ensure(bool(far.max() < _CLOSE), f"{told}, in frame {frame}")
 
 
 def _check_refuses_to_write(kind: Format, motion: Motion, path: Path) -> None:

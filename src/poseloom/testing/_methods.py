@@ -49,7 +49,8 @@ def check_method(method: Reconstructor[Any], recording: Recording, samples: int 
 
 
 def _check_claims(method: Reconstructor[Any], recording: Recording) -> None:
-    _ensure(isinstance(method, Reconstructor), f"{type(method).__name__} is no Reconstructor")
+    given: Any = method
+    _ensure(isinstance(given, Reconstructor), f"{type(given).__name__} is no Reconstructor")
     delay: Any = method.delay
     _ensure(type(delay) is int and delay >= 0, f"delay is {delay!r}, not a number of samples from 0 on")
     own, other = method.layout.names, recording.layout.names
@@ -85,7 +86,8 @@ def _check_whole_and_split(method: Reconstructor[Any], recording: Recording, hea
 def _check_frame(
     method: Reconstructor[Any], recording: Recording, heard: Sequence[Sample], index: int, frame: Frame
 ) -> None:
-    _ensure(isinstance(frame, Frame), f"step gave a {type(frame).__name__} at sample {index}, not a Frame")
+    given: Any = frame
+    _ensure(isinstance(given, Frame), f"step gave a {type(frame).__name__} at sample {index}, not a Frame")
     _ensure(index >= method.delay, f"there is a frame at sample {index} already, though delay is {method.delay}")
     own = heard[index - method.delay].time
     _ensure(frame.time == own, f"the frame at sample {index} has the time {frame.time:g}, not its sample's: {own:g}")
@@ -97,7 +99,7 @@ def _check_frame(
         _ensure(bool(np.isfinite(values).all()), f"{what} is not finite at sample {index}")
     _ensure(bool((frame.spread >= 0).all()), f"spread is negative at sample {index}")
     health: Any = frame.health
-    _ensure(isinstance(health, Health) and isinstance(health.state, HealthState), f"health at {index} is {health!r}")
+    _ensure(type(health) is Health and health.state in set(HealthState), f"health at {index} is {health!r}")
     strangers = set(health.sensors) - set(method.layout.names)
     _ensure(not strangers, f"health at {index} names {', '.join(sorted(strangers))}, which the layout does not have")
 

@@ -38,7 +38,7 @@ class UnderTheHead(Reconstructor[Standing]):
         if np.isfinite(place).all():
             rest = state.skeleton.rest_positions()[state.skeleton.index("head")]
             q = np.concatenate([place - rest, state.q[3:]])  # a new array: step changes neither argument
-        silent = np.isnan(sample.positions).any(axis=1)
+        silent = [not np.isfinite(each).all() for each in sample.positions]
         missing = tuple(name for name, gone in zip(self.layout.names, silent, strict=True) if gone)
         state_of = HealthState.COASTING if silent[self.head] else HealthState.DEGRADED if missing else HealthState.OK
         frame = Frame(sample.time, Pose(state.skeleton, q), np.full(len(q), 0.5), Health(state_of, missing))
