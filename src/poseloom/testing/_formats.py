@@ -98,7 +98,7 @@ def _check_damage(kind: Format, path: Path) -> None:
     harmed |= {f"noise {number}": draw.bytes(400) for number in range(4)}
     for end in np.linspace(1, len(whole) - 1, _HARMS).astype(int):
         harmed[f"cut after {end} bytes"] = whole[:end]
-    for at in draw.integers(0, min(len(whole), 4000), _HARMS):
+    for at in map(int, draw.integers(0, min(len(whole), 4000), _HARMS)):
         harmed[f"byte {at} changed"] = whole[:at] + bytes([whole[at] ^ 0x15]) + whole[at + 1 :]
     for what, content in harmed.items():
         path.write_bytes(content)
