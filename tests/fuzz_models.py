@@ -5,6 +5,7 @@ In a process of its own, for what it looks for is a crash: the last line that it
 
 import io
 import json
+import shutil
 import sys
 import warnings
 import zipfile
@@ -16,9 +17,14 @@ import numpy as np
 
 from poseloom.calibration.calibration import read_calibration
 from poseloom.errors import PoseloomError
+from poseloom.formats import session_recording
 from poseloom.formats.npz import read_npz
 from poseloom.formats.recording import read_recording
+from poseloom.formats.recording_header import RecordingHeader
+from poseloom.formats.session_recording import MethodStart, RecordedFinding, SessionWriter, read_session
 from poseloom.library import open_library, store
+from poseloom.library.build import six_trackers
+from poseloom.live.reprocess import recorded_motion
 from poseloom.methods import make_method
 
 WEIRD = (None, -1, 0, 1, 2**31, 2**63, 1e308, float("nan"), "", "x" * 300, [], {}, True, "../victim", [[]])
@@ -117,6 +123,100 @@ def damaged_header(text: bytes, rng: np.random.Generator) -> bytes:
     return json.dumps(fields).encode()
 
 
+def search_library(path: Path) -> None:
+    library = open_library(path)
+    for clip in library.clips[:2]:
+        library.motion(clip)
+    index = library.moments(six_trackers())
+    found = index.search(index.columns[0].astype(np.float64), 3)
+    assert all(np.isfinite(part).all() for part in found), "what was found is not finite"
+
+
+def damaged_library(folder: Path, rng: np.random.Generator) -> None:
+    """A library with one file changed and all its digests made right again: whoever crafts one does that too."""
+    generation = folder / "generation-1"
+    (moments,) = (path for path in generation.iterdir() if path.is_dir())
+    files = [*generation.glob("poses.npy"), *generation.glob("*.sqlite"), *moments.glob("*.npy")]
+    path = sorted(files)[int(rng.integers(len(files)))]
+    whole = path.read_bytes()
+    changed = weird_array(whole, rng) if path.suffix == ".npy" and rng.random() < 0.8 else damaged(whole, None, rng)
+    path.write_bytes(changed)
+    header = store.read_header(folder)
+    store.write_seal(moments)
+    store.write_header(folder, store.with_generation(header, generation))
+
+
+def session_parts(recording: Any) -> list[tuple[str, bytes]]:
+    """Topics and messages of a method's starts, findings and steps, as a session writes them."""
+    dofs, sensors = recording.skeleton.size, len(recording.layout)
+    starts = [json.dumps(vars(MethodStart(0, "phase-hmm"))).encode()]
+    findings = [json.dumps(vars(RecordedFinding(3, 0.1, "rightFoot", "silent", "began"))).encode()]
+    step = np.zeros((), dtype=session_recording._step_type(dofs, sensors))
+    return [
+        *((session_recording.STARTS_TOPIC, each) for each in starts),
+        *((session_recording.FINDINGS_TOPIC, each) for each in findings),
+        *((session_recording.STEPS_TOPIC, step.tobytes()) for _ in range(4)),
+    ]
+
+
+def damaged_message(topic: str, content: bytes, rng: np.random.Generator) -> bytes:
+    plain = topic != session_recording.STEPS_TOPIC and rng.random() < 0.7
+    changed = weird_json(content, rng) if plain else damaged(content, None, rng)
+    if topic == session_recording.STEPS_TOPIC and rng.random() < 0.5:
+        words = np.frombuffer(content[: len(content) // 8 * 8], "<i8").copy()
+        words[rng.integers(min(len(words), 6))] = [-1, 2**62, 0x7FF8 << 48, 0x7FF0 << 48, 5][int(rng.integers(5))]
+        changed = words.tobytes() + content[len(words) * 8 :]
+    return changed
+
+
+def write_damaged_session(path: Path, recording: Any, rng: np.random.Generator | None) -> None:
+    """A whole recording of a session in which one message of the method's is damaged, where there is chance."""
+    parts = session_parts(recording)
+    if rng is not None:
+        at = int(rng.integers(len(parts)))
+        parts[at] = (parts[at][0], damaged_message(*parts[at], rng))
+    path.unlink(missing_ok=True)
+    header = RecordingHeader(recording.layout, recording.placements, recording.skeleton, recording.name, {}, None, "")
+    with SessionWriter(path, header) as writer:
+        for index in range(10):
+            writer.write_sample(recording.sample(index))
+        for topic, content in parts:
+            writer._add(topic, 0.1, content)
+
+
+def use_session(path: Path) -> None:
+    session = read_session(path)
+    recorded_motion(session)
+
+
+def others(folder: Path, count: int, recording: Any) -> int:
+    """Trials of libraries' arrays and sessions' topics; how many escaped."""
+    escaped = 0
+    search_library(folder / "library")  # what is not damaged is read
+    write_damaged_session(folder / "sound-session.mcap", recording, None)
+    use_session(folder / "sound-session.mcap")
+    for trial in range(count):
+        for kind in ("library arrays", "session topics"):
+            print(kind, trial, flush=True)
+            rng = np.random.default_rng([trial, *kind.encode()])
+            try:
+                if kind == "library arrays":
+                    target = folder / "damaged-library"
+                    shutil.rmtree(target, ignore_errors=True)
+                    shutil.copytree(folder / "library", target)
+                    damaged_library(target, rng)
+                    search_library(target)
+                else:
+                    write_damaged_session(folder / "damaged-session.mcap", recording, rng)
+                    use_session(folder / "damaged-session.mcap")
+            except PoseloomError:
+                pass
+            except BaseException as error:
+                escaped += 1
+                print(f"ESCAPED {kind} {trial}: {type(error).__name__}: {str(error)[:200]}", flush=True)
+    return escaped
+
+
 def main(folder: Path, count: int) -> None:
     warnings.simplefilter("ignore")
     worn = {name: read_recording(folder / f"{name}.mcap") for name in ("imu", "flex")}
@@ -154,7 +254,7 @@ def main(folder: Path, count: int) -> None:
                 escaped += 1
                 print(f"ESCAPED {kind} {trial}: {type(error).__name__}: {str(error)[:200]}", flush=True)
         path.write_bytes(whole)
-    print("escaped", escaped)
+    print("escaped", escaped + others(folder, count // 2, worn["imu"]))
 
 
 if __name__ == "__main__":

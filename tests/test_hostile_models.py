@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from poseloom.calibration.calibration import Calibration, Level, Verdict, write_calibration
 from poseloom.errors import FormatError, LibraryError
 from poseloom.formats.artefact import read_artefact, write_artefact
 from poseloom.formats.npz import write_npz
@@ -22,10 +23,32 @@ from poseloom.methods.imus.pairs import WELL_MOUNTED, pair_of_recording
 from poseloom.methods.imus.phase_hmm import fit_phase_hmm
 from poseloom.samples import sample_motions
 from poseloom.sensors import layout
+from poseloom.sensors.placement import default_placements
+from poseloom.skeleton.body import average_body
 from poseloom.skeleton.resample import resample
 from poseloom.synthesis import simulate_flex, simulate_imus
 
 TRIALS = 200
+
+
+def _calibration() -> Calibration:
+    """A sound one, of a few holds."""
+    worn, body = layout("six-trackers"), average_body()
+    joints, sensors, holds = len(body), len(worn), 3
+    return Calibration(
+        skeleton=body,
+        sensors=worn.names,
+        placements=default_placements(worn, body),
+        coefficients=np.zeros(4),
+        lengths=np.full(joints, 0.3),
+        length_sigmas=np.full(joints, 0.01),
+        offset_sigmas=np.full((sensors, 3), 0.01),
+        turn_sigmas=np.full((sensors, 3), 0.01),
+        poses=("t", "n", "t"),
+        residuals=np.zeros((holds, sensors, 2)),
+        deviations=np.zeros(holds),
+        verdicts=(Verdict(Level.GOOD, "all", "nothing to say", "", ""),),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +67,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (out / "flex-scales.npz").write_bytes(SHIPPED_MODEL.read_bytes())
     write_npz(walk, out / "motion.npz")
     build_library([out / "motion.npz"], out / "library")
+    write_calibration(_calibration(), out / "calibration.npz")
     return out
 
 
