@@ -12,15 +12,24 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from poseloom.cli import _app
+from poseloom.errors import SensorError
 from poseloom.formats import atomic
 from poseloom.formats.atomic import atomic_file
 from poseloom.library import folders, pool
-from poseloom.live import datagrams
+from poseloom.live import datagrams, responsiveness
 from poseloom.live.datagrams import DatagramPort
+from poseloom.live.device_addresses import open_device
+from poseloom.live.devices import pseudo_terminal, tcp_line
+from poseloom.live.lines import parse_counts
+from poseloom.live.source_serial import SerialSource
+from poseloom.live.specifications import make_source
+from poseloom.samples import sample_motions
+from poseloom.synthesis.flex import simulate_flex
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -121,6 +130,47 @@ def test_a_flood_without_stamps_is_emptied_and_counted(monkeypatch: pytest.Monke
     waiting[0] = 3
     port._read()  # pyright: ignore[reportPrivateUsage]
     assert len(heard) == 4 * 64 + 3  # the buffer was empty: what comes is of now
+
+
+# Serial lines
+
+
+def test_a_serial_line_is_passed_on_by_tcp_where_there_are_no_terminals(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delattr(os, "openpty", raising=False)
+    with pytest.raises(SensorError, match=r"serial://:4000"), pseudo_terminal():
+        pass
+    device = open_device("serial://:0")
+    with (
+        device.speaker() as (speaker, told),
+        pytest.raises(SensorError, match="another port"),
+        tcp_line("127.0.0.1", int(told.rpartition(":")[2])),
+    ):
+        pass
+    with device.speaker() as (speaker, told):
+        source = make_source(told.removeprefix("serial line "))
+        assert isinstance(source, SerialSource)
+        line = source._open()  # pyright: ignore[reportPrivateUsage]
+        assert line is not None
+        sample = simulate_flex(sample_motions()["walk"], source.layout).sample(0)
+        got = b""
+        for _ in range(200):
+            speaker.say(sample, source.layout, 0.5)
+            got += line.read(64)
+            if got.count(b"\n") > 2:
+                break
+        line.close()
+        packet = parse_counts(got.splitlines()[0], source.layout.names)
+        assert packet is not None
+        speaker.say(sample, source.layout, 0.6)  # whom nobody reads harms nobody
+        speaker.say(sample, source.layout, 0.7)
+    assert make_source("serial://COM3").device == "COM3"  # pyright: ignore
+
+
+def test_a_coarse_clock_is_said(monkeypatch: pytest.MonkeyPatch):
+    assert responsiveness.coarse_clock_note() == ""
+    windows = SimpleNamespace(resolution=0.015625)
+    monkeypatch.setattr(responsiveness.time, "get_clock_info", lambda _name: windows)
+    assert "16 ms" in responsiveness.coarse_clock_note()
 
 
 # Files

@@ -110,6 +110,11 @@ class Address:
             raise self.error(f"has the port {port}", f"Choose a port from {lowest} to 65535")
         return host or LOOPBACK, int(port)
 
+    @property
+    def is_host_and_port(self) -> bool:
+        """Whether the location can only be a host and a port, not a path: `192.168.1.7:4000`."""
+        return re.fullmatch(r"[^/\\]*:\d+", self.location) is not None
+
     def _split(self, place: str, example: int) -> tuple[str, str]:
         """Host, without brackets, and port, as written."""
         if place.startswith("["):

@@ -14,6 +14,7 @@ from poseloom.live.devices import (
     binary_datagram,
     json_datagram,
     pseudo_terminal,
+    tcp_line,
     vmc_datagram,
 )
 from poseloom.live.vmc import VMC_PORT
@@ -40,7 +41,8 @@ def open_device(text: str) -> SimulatedDevice:
 
     - `vmc://[HOST]:PORT`
     - `udp://[HOST]:PORT`, key: binary
-    - `serial:///PATH`: the name of a pseudo-terminal; `serial://` leaves it unnamed
+    - `serial:///PATH`: the name of a pseudo-terminal; `serial://` leaves it unnamed. `serial://[HOST]:PORT`: a line
+      passed on by TCP, which every system has
 
     Raises:
         SensorError: for anything else.
@@ -73,6 +75,15 @@ def _datagrams(address: Address, port: int, encode: Callable[..., bytes]) -> Sim
 
 def _serial(address: Address) -> SimulatedDevice:
     address.only(())
+    if address.is_host_and_port:
+        host, port = address.host_and_port(4000)
+
+        @contextlib.contextmanager
+        def passed_on() -> Generator[tuple[Speaker, str]]:
+            with tcp_line(host, port) as (write, name):
+                yield LineSpeaker(write), f"serial line serial://{name}"
+
+        return SimulatedDevice("flex-four", 0.0, passed_on)
     link = address.path() if address.location else None
 
     @contextlib.contextmanager

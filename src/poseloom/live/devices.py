@@ -119,7 +119,7 @@ def pseudo_terminal(link: Path | None = None) -> Generator[tuple[Callable[[bytes
         SensorError: on a system without pseudo-terminals.
     """
     if not hasattr(os, "openpty"):
-        raise SensorError("this system has no pseudo-terminals", remedy="Simulate a serial line on Linux or macOS")
+        raise SensorError("this system has no pseudo-terminals", remedy="Write serial://:4000: a line by TCP")
     import tty
 
     master, slave = os.openpty()
@@ -141,6 +141,49 @@ def pseudo_terminal(link: Path | None = None) -> Generator[tuple[Callable[[bytes
             link.unlink(missing_ok=True)
         os.close(slave)
         os.close(master)
+
+
+@contextlib.contextmanager
+def tcp_line(host: str = "127.0.0.1", port: int = 0) -> Generator[tuple[Callable[[bytes], object], str]]:
+    """A serial line that is passed on by TCP to whoever connects: yields how to write to it, and its HOST:PORT.
+
+    The twin of `pseudo_terminal` for systems without any. What nobody reads is thrown away.
+
+    Args:
+        host: The address to listen at.
+        port: The port; 0 lets the system choose.
+
+    Raises:
+        SensorError: if the address is taken or is none of this machine's.
+    """
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        server = socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise SensorError(
+            f"no line can be offered at {host}:{port}", cause=error.strerror or str(error), remedy="Choose another port"
+        ) from None
+    server.setblocking(False)
+    readers: list[socket.socket] = []
+
+    def write(data: bytes) -> None:
+        with contextlib.suppress(BlockingIOError):
+            readers.append(server.accept()[0])
+            readers[-1].setblocking(False)
+        for reader in tuple(readers):
+            try:
+                reader.send(data)
+            except BlockingIOError:
+                continue
+            except OSError:  # it has gone away
+                readers.remove(reader)
+                reader.close()
+
+    try:
+        yield write, f"{host}:{server.getsockname()[1]}"
+    finally:
+        for opened in (*readers, server):
+            opened.close()
 
 
 def play(

@@ -10,6 +10,7 @@ from poseloom.errors import SensorError
 from poseloom.library import MotionLibrary, open_library
 from poseloom.live.contract import Sink
 from poseloom.live.reprocess import CONFIGURATION, LIBRARY_DIGEST, MODEL_DIGEST, file_sha256
+from poseloom.live.responsiveness import coarse_clock_note
 from poseloom.live.session_plan import SessionPlan
 from poseloom.live.settings import LiveSettings
 from poseloom.live.sinks.motion_export import MotionExport
@@ -72,7 +73,7 @@ def plan_session(settings: LiveSettings, sinks: Sequence[Sink] = ()) -> SessionP
         folder=Path(settings.folder),
         settings=_told(settings, library),
         seconds=settings.seconds or None,
-        notes=notes,
+        notes=(*notes, *filter(None, [coarse_clock_note()])),
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from poseloom.errors import Named, SensorError
 from poseloom.formats.recording import read_recording
-from poseloom.live.addresses import Address, parse_address
+from poseloom.live.addresses import Address, bracketed, parse_address
 from poseloom.live.contract import Sink
 from poseloom.live.sinks.vmc_sender import VmcSender
 from poseloom.live.source import Source
@@ -105,7 +105,11 @@ def _udp(address: Address) -> Source:
 def _serial(address: Address) -> Source:
     if not address.location:
         raise address.error("names no serial line", "Write serial:///dev/ttyACM0, or serial://COM3 on Windows")
-    return SerialSource(layout_of(address, "flex-four"), str(address.path()), address.whole("baud", 115200))
+    device = str(address.path())
+    if address.is_host_and_port:  # a line that another machine or a simulator passes on by TCP
+        host, port = address.host_and_port(4000, lowest=1)
+        device = f"socket://{bracketed(host)}:{port}"
+    return SerialSource(layout_of(address, "flex-four"), device, address.whole("baud", 115200))
 
 
 def _lines(address: Address) -> Source:
