@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from poseloom.cli._app import run
 from poseloom.errors import FormatError, LibraryError, PoseloomError
 from poseloom.formats import write_motion
 from poseloom.formats._files import beginning, open_regular, read_bytes, read_json, reading
@@ -210,6 +211,24 @@ def test_a_named_pipe_in_a_folder_is_listed_and_waits_for_nobody(tmp_path: Path)
     report = build_library([tmp_path], tmp_path.parent / f"{tmp_path.name}-library")
     assert report.clips == 1
     assert any("named pipe" in entry.reason for entry in report.skipped)
+
+
+def test_an_unknown_sensor_suggests_names(tmp_path: Path) -> None:
+    (tmp_path / "a.sto").write_text("DataType=Quaternion\nendheader\ntime\tfoot_l\n0\t1,0,0,0\n0.01\t1,0,0,0\n")
+    with pytest.raises(FormatError, match=r"Did you mean 'foot_l'\?"):
+        read_imu_tracks(tmp_path / "a.sto")["foot_r"]
+
+
+def test_fitting_says_which_clips_it_left_out_and_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("one", "two"):
+        write_motion(sample_motions()["walk"].cut(0, 150), tmp_path / f"{name}.bvh")
+    write_motion(sample_motions()["walk"].cut(0, 12), tmp_path / "short.bvh")
+    build_library([tmp_path], tmp_path / "library")
+    command = ["fit", "phase-hmm", "-l", str(tmp_path / "library"), "--layout", "right-foot-imu"]
+    assert run([*command, "-o", str(tmp_path / "foot.npz")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "left out 1 of" in said
+    assert "short" in said.partition("left out 1 of")[2]
 
 
 def test_an_unknown_sample_suggests_names() -> None:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from poseloom.errors import FormatError
+from poseloom.errors import FormatError, Named
 from poseloom.formats._files import open_regular, reading
 from poseloom.formats.imus.choices import ImuChoices
 from poseloom.formats.imus.csv_tables import is_imu_csv, read_imu_csv
@@ -59,7 +59,7 @@ def read_imu_tracks(
                     file=track.file,
                 )
             tracks[track.name] = track
-    return MappingProxyType(tracks)
+    return MappingProxyType(Named("sensor in these files", tracks, FormatError))
 
 
 def _guarded(path: Path, choices: ImuChoices) -> tuple[ImuTrack, ...]:
