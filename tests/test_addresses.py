@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from hypothesis import given
@@ -275,7 +275,13 @@ def test_an_ipv6_port_receives(source: str, received: bool):
 # Settings: one definition
 
 
-VALUES: dict[type, tuple[str, Any]] = {str: ("'x'", "x"), bool: ("true", True), int: ("7", 7), float: ("7.5", 7.5)}
+VALUES: dict[type, tuple[str, Any]] = {
+    str: ("'x'", "x"),
+    bool: ("true", True),
+    int: ("7", 7),
+    float: ("7.5", 7.5),
+    tuple: ("['x', 'y']", ("x", "y")),
+}
 
 
 def test_each_setting_is_an_option_a_key_and_a_field(tmp_path: Path):
@@ -286,11 +292,11 @@ def test_each_setting_is_an_option_a_key_and_a_field(tmp_path: Path):
         assert f"{setting.name}: {facts_of(setting).help}" in str(LiveSettings.__doc__)
         (option,) = options[setting.name].annotation.__metadata__
         assert option.help == facts_of(setting).help
-        toml, value = VALUES.get(type(setting.default), ("['x', 'y']", ("x", "y")))
+        toml, value = VALUES[type(cast("object", setting.default))]
         (tmp_path / "live.toml").write_text(f"{setting.name} = {toml}\n")
         by_file = read_settings(tmp_path / "live.toml", {})
-        by_option = make_settings({setting.name: list(value) if isinstance(value, tuple) else value})
-        assert by_file == by_option == LiveSettings(**{setting.name: value})
+        by_option = make_settings({setting.name: list("xy") if isinstance(value, tuple) else value})
+        assert by_file == by_option == make_settings({setting.name: value})
         assert asdict(by_file) == {**asdict(LiveSettings()), setting.name: value}
 
 
@@ -311,8 +317,8 @@ def test_options_reach_the_session_and_win_over_the_file(tmp_path: Path, monkeyp
         source=("vmc://:39539?rate=90&from=::1", "udp://:9870"),
         library="lib", view=True, port=0, bind="::1", record="a.mcap",
     )  # fmt: skip
-    assert seen[0] == LiveSettings(**{**asdict(asked), "seconds": 2.0, "send": ("vmc://:39540",)})
-    assert seen[1] == LiveSettings(**{**asdict(asked), "seconds": 3.0})
+    assert seen[0] == make_settings({**asdict(asked), "seconds": 2.0, "send": ("vmc://:39540",)})
+    assert seen[1] == make_settings({**asdict(asked), "seconds": 3.0})
     assert seen[2] == LiveSettings(source=("vmc://:1",), port=5, seconds=3.0, view=True)
 
 
@@ -326,5 +332,5 @@ def test_numbers_out_of_range_are_refused_everywhere(toml: str, told: str, tmp_p
         read_settings(tmp_path / "live.toml", {})
     key, _, value = toml.partition(" = ")
     with pytest.raises(SensorError, match=told):
-        LiveSettings(**{key: float(value) if key == "seconds" else int(value)})
+        make_settings({key: float(value) if key == "seconds" else int(value)})
     assert run(["live", f"--{key}={value}"]) == 2

@@ -24,7 +24,8 @@ from poseloom.formats.session_recording import read_session
 from poseloom.live.contract import Counters, Latency, Level, SessionFacts, Update
 from poseloom.live.readings import sample_of_readings
 from poseloom.live.session import Session
-from poseloom.live.setup import LiveSettings, plan_session
+from poseloom.live.settings import LiveSettings
+from poseloom.live.setup import plan_session
 from poseloom.live.sinks.motion_export import MotionExport
 from poseloom.live.sinks.outlet import Outlet
 from poseloom.live.source_replay import ReplaySource

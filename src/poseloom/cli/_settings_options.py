@@ -27,7 +27,8 @@ def with_settings(command: Command) -> Command:
 
 def _parameter(setting: "Field[Any]") -> inspect.Parameter:
     facts = facts_of(setting)
-    kind: Any = list[str] if isinstance(setting.default, tuple) else type(setting.default)
+    default: object = setting.default
+    kind: Any = list[str] if isinstance(default, tuple) else type(default)
     names = [f"--{setting.name}", *([f"-{facts.short}"] if facts.short else [])]
     bounds = [None if bound is None else kind(bound) for bound in (facts.lowest, facts.highest)]
     option = typer.Option(*names, help=facts.help, metavar=facts.kind or None, min=bounds[0], max=bounds[1])
