@@ -198,7 +198,7 @@ def test_half_of_the_networks_own_error_at_the_pose_is_taken_out() -> None:
     plain = PriorRunner(random_network(), SIX_LAYOUT, body, placements)
     samples = [resting_sample(known_rotations(CalibrationPose.N))] * 20
     whole = plain.calibrated(samples, CalibrationPose.N, share=1.0)
-    half = plain.calibrated(samples, CalibrationPose.N)
+    half = plain.calibrated(samples, CalibrationPose.N, share=0.5)
     still = whole.still_estimate(samples[0]).rotations
     np.testing.assert_allclose(still, known_rotations(CalibrationPose.N), atol=1e-5)
     shown = PriorRunner(
@@ -211,6 +211,8 @@ def test_half_of_the_networks_own_error_at_the_pose_is_taken_out() -> None:
         rotvec_from_matrix(half.still_estimate(samples[0]).rotations.swapaxes(-1, -2) @ still), axis=-1
     )
     assert own.max() > 0.1
+    usual = plain.calibrated(samples, CalibrationPose.N)
+    np.testing.assert_allclose(usual.calibration.corrections, np.tile(np.eye(3), (22, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(left, own / 2, atol=1e-4)
 
 

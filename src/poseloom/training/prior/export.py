@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import nn
 
-from poseloom.methods.prior.calibration import CORRECTED_SHARE
 from poseloom.methods.prior.channels import RATE
 from poseloom.methods.prior.model_file import write_prior
 from poseloom.methods.prior.network import PriorNetwork
@@ -24,10 +23,10 @@ CONDITIONS: Mapping[str, tuple[Conditions, float]] = {
     "noisy": (Conditions(), 0.0),
     "clean": (Conditions(scale=0.0), 0.0),
     "pose shown": (Conditions(calibrated=True), 0.0),
-    "pose shown, half corrected": (Conditions(calibrated=True), CORRECTED_SHARE),
+    "pose shown, half corrected": (Conditions(calibrated=True), 0.5),
     "aligned in the pose": (Conditions(calibrated=True, taken_out=True), 0.0),
-    "aligned in the pose, half corrected": (Conditions(calibrated=True, taken_out=True), CORRECTED_SHARE),
-    "pose hit exactly, half corrected": (Conditions(calibrated=True, pose_scale=0.0), CORRECTED_SHARE),
+    "aligned in the pose, half corrected": (Conditions(calibrated=True, taken_out=True), 0.5),
+    "pose hit exactly, half corrected": (Conditions(calibrated=True, pose_scale=0.0), 0.5),
 }
 """Under what networks are measured, and the share of the network's own error at the pose that is corrected."""
 
