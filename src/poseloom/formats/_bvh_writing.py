@@ -76,7 +76,7 @@ class BvhStream:
         columns: NDArray[np.float64] = _columns(motion, self._joints, self._moved, self._unit, self._order)
         if self._last is not None:
             # Angles go on from where they are, over any number of turns.
-            columns = columns[1:] + 360.0 * np.round((self._last[1] - columns[0]) / 360.0)
+            columns = np.asarray(columns[1:] + 360.0 * np.round((self._last[1] - columns[0]) / 360.0), dtype=np.float64)
         self._file.write(_rows(columns, self._unit).encode())
         self._last = (q[-1], columns[-1])
         self._count += len(q)

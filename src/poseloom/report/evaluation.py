@@ -4,6 +4,7 @@ from pathlib import Path
 
 from poseloom.evaluation.experiment import Evaluation
 from poseloom.evaluation.splits import Split
+from poseloom.methods.choose import method_name
 from poseloom.report.html import write_report
 
 _LEFT_OUT = {
@@ -32,5 +33,5 @@ def write_evaluation_report(
     if evaluation.library_poses:
         made.append(_LEFT_OUT[evaluation.experiment.split])
     made.append(f"Data digest {evaluation.data_digest[:16]}. The metrics are defined in poseloom's docs/metrics.md.")
-    heading = title or f"{what}: {', '.join(evaluation.experiment.methods)}"
+    heading = title or f"{what}: {', '.join(map(method_name, evaluation.experiment.methods))}"
     write_report(path, sequences, heading, [*notes, *made], evaluation.facts())

@@ -11,7 +11,6 @@ from poseloom.benchmark.six_trackers.plan import OURS, Plan, Progress
 from poseloom.benchmark.six_trackers.trials import Outcome, Trial, opened, run_trial_whole
 from poseloom.evaluation.rows import Row
 from poseloom.library.pool import in_order
-from poseloom.sensors import layout
 from poseloom.skeleton.kinematics import motion_frames
 from poseloom.synthesis.faults import Fault, FaultKind
 
@@ -48,13 +47,13 @@ class Course(NamedTuple):
 def recovery(plan: Plan, sequences: Sequences, tell: Progress) -> list[Row]:
     """Every sensor fails in every way on some sequences; the same sequences without a fault stand beside."""
     library = plan.libraries[0]
-    rate = layout(plan.conditions.layout).rate
+    rate = plan.conditions.worn.rate
     long_enough = [
         (case, seed)
         for case, seed in zip(sequences.cases, sequences.seeds, strict=True)
         if len(case.truth) >= (STOP + 0.5) * rate
     ][: plan.fault_sequences]
-    sensors = layout(plan.conditions.layout).names
+    sensors = plan.conditions.worn.names
     limit = int(LASTS * rate)
     sound = [Trial(OURS, case, seed, plan.conditions, library, limit=limit) for case, seed in long_enough]
     kinds = [(name, sensor) for name in FAULTS for sensor in sensors]

@@ -14,7 +14,7 @@ from poseloom.evaluation.results import MethodResult, compare
 from poseloom.library import MotionLibrary, open_library
 from poseloom.methods import METHODS, InverseKinematics, Query, Reconstructor, reconstruct
 from poseloom.methods.trackers.inverse_kinematics import InverseKinematicsSettings
-from poseloom.sensors import Recording, layout
+from poseloom.sensors import Recording
 from poseloom.synthesis import simulate_trackers
 from poseloom.synthesis.faults import Fault
 
@@ -88,7 +88,7 @@ def recording_of(trial: Trial) -> Recording:
     motion = trial.case.motion
     assert motion is not None  # sequences are motion files
     conditions = trial.conditions
-    whole = simulate_trackers(motion, layout(conditions.layout), conditions.noise, trial.faults, seed=trial.seed)
+    whole = simulate_trackers(motion, conditions.worn, conditions.noise, trial.faults, seed=trial.seed)
     recording = whole if trial.limit is None or trial.limit >= len(whole) else whole.cut(0, trial.limit)
     if trial.channels == "position only":
         return replace(recording, quats_wxyz=np.full_like(recording.quats_wxyz, np.nan))
