@@ -168,8 +168,8 @@ def _plain(name: str, usual: Any, value: Any, ranges: Mapping[str, tuple[float, 
 
 
 def _tuple(name: str, usual: tuple[Any, ...], value: Any, ranges: Mapping[str, tuple[float, float]]) -> tuple[Any, ...]:
-    plain = cast(Any, value)  # isinstance would leave the type of what it holds unknown
-    items: list[Any] | None = list(plain) if isinstance(value, (list, tuple)) else None
+    is_list = isinstance(value, (list, tuple))
+    items: list[Any] | None = list(cast("list[Any]", value)) if is_list else None
     # Tuples of numbers have a fixed length; those of tuples are lists of any length, each like the first.
     nested = bool(usual) and isinstance(usual[0], tuple)
     if items is None or (not nested and len(items) != len(usual)) or len(items) > 100:
