@@ -314,7 +314,7 @@ def test_whichever_device_has_no_fix_at_the_start_the_others_are_worn_where_they
 
 
 def test_sensors_of_other_names_are_named():
-    watched = Watched("udp")
+    watched = Watched("udp://:9870")
     line = json.dumps({"sensors": {"pelvis": {"position": [0, 1, 0]}}}).encode()
     (text,) = watched.run(5.0, watched.send(line))
     assert "has no sensor 'pelvis'" in text
@@ -322,14 +322,14 @@ def test_sensors_of_other_names_are_named():
 
 
 def test_a_clock_that_stands_still_is_said():
-    watched = Watched("udp")
+    watched = Watched("udp://:9870")
     watched.sink.late = True
     (text,) = watched.run(5.0, watched.send(b'{"time": 1, "sensors": {"head": {"position": [0, 1, 0]}}}'))
     assert "late or received twice" in text
 
 
 def test_who_invents_senders_reasons_and_names_fills_neither_memory_nor_terminal():
-    watched = Watched("udp")
+    watched = Watched("udp://:9870")
     source = watched.source
     assert isinstance(source, DatagramSource)
     count = 0

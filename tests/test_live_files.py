@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -224,7 +225,9 @@ def test_a_session_that_is_ended_from_outside_leaves_whole_files(name: str, tmp_
     recording, motion = tmp_path / "a.mcap", tmp_path / "a.bvh"
     command = [sys.executable, "-m", "poseloom", "live", "-s", "simulate://sample:walk"]
     command += ["--record", str(recording), "--export", str(motion)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    # Under nohup children ignore SIGHUP, and the session respects it.
+    restore = partial(signal.signal, getattr(signal, name), signal.SIG_DFL)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=restore)
     assert process.stdout is not None
     while "Ctrl-C ends it" not in (line := process.stdout.readline()):
         assert line, "the session did not begin"

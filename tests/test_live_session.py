@@ -125,7 +125,7 @@ def solved_again(path: Path) -> tuple[SessionRecording, Reconstruction, Comparis
 def test_a_session_is_solved_again_bit_for_bit(walk: Recording, tmp_path: Path):
     """Through a heading reset, at a pace and with a queue with which samples may be passed over."""
     path = tmp_path / "a.mcap"
-    ears = Ears({40: ResetHeading()})
+    ears = Ears({20: ResetHeading()})
     summary = Session(
         plan_of(ReplaySource(walk, speed=4.0), ears, MotionExport(tmp_path / "a.npz"), record=path, capacity=2)
     ).run()

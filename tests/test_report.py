@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -264,6 +265,14 @@ def orange(pixels: np.ndarray) -> np.ndarray:
     return pixels[..., 0] > pixels[..., 2] + 60
 
 
+def wait_until(page: Any, condition: str) -> None:
+    """Until something is so on the page, whose rules forbid Playwright's own waiting for a text of JavaScript."""
+    end = time.monotonic() + 90.0
+    while not page.evaluate(condition):
+        assert time.monotonic() < end, condition
+        page.wait_for_timeout(20)
+
+
 @pytest.mark.parametrize("fragment", ["", "#flat"])
 def test_figures_are_drawn_and_move(browser: Browser, report: Path, fragment: str) -> None:
     page = browser.open(report, fragment).page
@@ -277,7 +286,7 @@ def test_figures_are_drawn_and_move(browser: Browser, report: Path, fragment: st
     assert bluish(before)[:, :third].sum() == 0
     assert orange(before)[:, 2 * third + 2 :].sum() > 0.5 * orange(before).sum() > 100
     page.click("#play")
-    page.wait_for_function("state.frame > 22")
+    wait_until(page, "state.frame > 22")
     page.click("#play")
     after = browser.pixels()
     assert (np.abs(after - before).sum(axis=-1) > 30).mean() > 0.005
@@ -301,7 +310,7 @@ def test_scrubbing_keys_and_the_plot_seek(browser: Browser, report: Path) -> Non
     assert middle - first == pytest.approx(last - middle, rel=0.1)
     plot = page.locator("#time-plot .nsewdrag").bounding_box()
     page.mouse.click(plot["x"] + 0.25 * plot["width"], plot["y"] + 0.3 * plot["height"])
-    page.wait_for_function("Math.abs(state.frame - 0.25 * 119) <= 2")
+    wait_until(page, "Math.abs(state.frame - 0.25 * 119) <= 2")
     page.keyboard.press(" ")
     assert page.evaluate("state.playing")
     page.keyboard.press(" ")

@@ -14,6 +14,9 @@ from poseloom.rotations import euler_from_matrix, matrix_from_rotvec
 from poseloom.skeleton.motion import Motion, make_motion
 from poseloom.skeleton.skeleton import Skeleton
 
+_DIGITS = 10
+"""Room for the count of frames, the same however a file is written: a session sets it at its end."""
+
 
 def write_bvh(motion: Motion, path: Path, metres_per_unit: float = 0.01, order: str = "ZXY") -> None:
     """Writes a motion as BVH, whole or not at all.
@@ -36,7 +39,7 @@ def write_bvh(motion: Motion, path: Path, metres_per_unit: float = 0.01, order: 
         raise FormatError(f"the order of rotations {order!r} is not three different axes", remedy="Use for example ZXY")
     moved = _moving_joints(motion)
     joints = _depth_first(motion.skeleton)
-    header = _header(motion.skeleton, joints, moved, metres_per_unit, order, str(len(motion)), motion.rate)
+    header = _header(motion.skeleton, joints, moved, metres_per_unit, order, f"{len(motion):{_DIGITS}d}", motion.rate)
     rows = _rows(_columns(motion, joints, moved, metres_per_unit, order), metres_per_unit)
     write_bytes(path, (header + rows).encode())
 
@@ -55,7 +58,7 @@ class BvhStream:
         OSError: also from the methods, where the file cannot be written.
     """
 
-    _unit, _order, _digits = 0.01, "ZXY", 10
+    _unit, _order = 0.01, "ZXY"
 
     def __init__(self, file: BufferedIOBase, skeleton: Skeleton, rate: float, path: Path) -> None:
         _check_names(skeleton, path)
@@ -63,9 +66,7 @@ class BvhStream:
         self._joints, self._moved = _depth_first(skeleton), [False] * len(skeleton)
         self._count = 0
         self._last: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
-        header = _header(
-            skeleton, self._joints, self._moved, self._unit, self._order, " " * (self._digits - 1) + "0", rate
-        ).encode()
+        header = _header(skeleton, self._joints, self._moved, self._unit, self._order, f"{0:{_DIGITS}d}", rate).encode()
         self._place = header.rindex(b"Frames: ") + len(b"Frames: ")
         file.write(header)
 
@@ -88,7 +89,7 @@ class BvhStream:
     def set_count(self, file: BufferedIOBase, count: int) -> None:
         """Sets the count of frames in a file, where what was added last could not be written whole."""
         file.seek(self._place)
-        file.write(f"{count:{self._digits}d}".encode())
+        file.write(f"{count:{_DIGITS}d}".encode())
 
 
 def _header(
